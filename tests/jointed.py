@@ -34,13 +34,13 @@ def pair(kind, degree=1, gravity=None, inner=False, section=MEMBER, elements=2, 
 
     Returns the scene, the beams and the joint.
     """
-    make, place, given = KINDS[kind]
+    make, place, data = KINDS[kind]
     scene = fb.Scene(gravity=gravity)
     first = scene.add_beam([(-1, 0), (0, 0)], section, elements=elements, degree=degree)
     a = first.node(0.5) if inner else first.end
     start = np.array([a.x, a.y]) + place
     second = scene.add_beam([start, start + (0.8, -0.6)], section, elements=elements, degree=degree)
-    joint = scene.add_joint(make(a, second.start, **given | options))
+    joint = scene.add_joint(make(a, second.start, **data | options))
     return scene, first, second, joint
 
 

@@ -62,15 +62,19 @@ def random_numbers(seed, width=1.0):
     rng = np.random.default_rng(seed)
     degree = int(rng.integers(1, 4))
     parts, points = random_parts(rng, width)
-    at = [points[i][:2] for i in rng.integers(len(points), size=4)]
+    places = [points[i][:2] for i in rng.integers(len(points), size=4)]
     numbers = {"parts": parts, "degree": degree, "held": rng.choice(["pin", "clamp", "free"])}
     numbers["gravity"] = (
         rng.normal(size=2) * powers(rng, -3, 3, width) if rng.random() < 0.6 else None
     )
-    numbers["mass"] = (at[0], powers(rng, -9, 9, width)) if rng.random() < 0.5 else None
-    numbers["force"] = (at[1], rng.normal(size=2) * powers(rng, -6, 6, width), rng.random() < 0.5)
+    numbers["mass"] = (places[0], powers(rng, -9, 9, width)) if rng.random() < 0.5 else None
+    numbers["force"] = (
+        places[1],
+        rng.normal(size=2) * powers(rng, -6, 6, width),
+        rng.random() < 0.5,
+    )
     numbers["moment"] = (
-        (at[2], rng.normal() * powers(rng, -6, 6, width)) if rng.random() < 0.3 else None
+        (places[2], rng.normal() * powers(rng, -6, 6, width)) if rng.random() < 0.3 else None
     )
     numbers["velocity"] = None
     if rng.random() < 0.4:
@@ -127,8 +131,8 @@ def build(numbers, units=(1.0, 1.0, 1.0), turn=0.0):
         getattr(scene, numbers["held"])(nodes[0, "a"])
     if numbers["mass"]:
         scene.add_mass(nodes[numbers["mass"][0]], numbers["mass"][1] * M)
-    at, force, follows = numbers["force"]
-    scene.add_force(nodes[at], vector(force, F), follower=bool(follows))
+    place, force, follows = numbers["force"]
+    scene.add_force(nodes[place], vector(force, F), follower=bool(follows))
     if numbers["moment"]:
         scene.add_moment(nodes[numbers["moment"][0]], float(numbers["moment"][1] * F * L))
     if numbers["velocity"]:

@@ -97,8 +97,8 @@ def test_a_motor_between_free_members_does_its_work_and_changes_no_momentum(kind
     throw(scene, first, second, joint, slide=0.0 if "hinge" not in options else 1.0, hinge=0.0)
     solution = fb.simulate(scene, dt=0.01, t_end=1.0)
     moved = angle(solution, joint) if "hinge" in options else coordinate(solution, joint)
-    given = [smooth(size)(t) for t in solution.t]
-    assert abs(moved - moved[0] - given).max() < 1e-12
+    expected = [smooth(size)(t) for t in solution.t]
+    assert abs(moved - moved[0] - expected).max() < 1e-12
     assert balance(solution) < 1e-9
     assert np.ptp(solution.energy.work) > 0.01 * scale(solution)
     assert drift(solution.linear_momentum) < 1e-10

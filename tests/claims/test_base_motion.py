@@ -14,8 +14,8 @@ def oscillators(stiff, turned=0.0):
     scene, (k, c) = fb.Scene(), stiff
     body = scene.add_body((0, 0), mass=1.2, inertia=0.1)
     axis = np.cos(turned), np.sin(turned)
-    on = {"spring": fb.Spring(k), "damper": fb.Damper(c)}
-    return scene, body.centre, scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis, **on))
+    laws = {"spring": fb.Spring(k), "damper": fb.Damper(c)}
+    return scene, body.centre, scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis, **laws))
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.6, 2.0])
@@ -98,7 +98,7 @@ def test_what_floats_stays_where_it_is():
 
 def test_what_is_no_base_motion_is_refused():
     scene, node, _ = oscillators((40.0, 1.5))
-    for words, given in (
+    for words, bad_call in (
         ("either a load", {}),
         ("either a load", {"load": (node, (1.0, 0.0)), "base": (1, 0)}),
         (r"base = \(0, 0\) must be the amplitudes", {"base": (0, 0)}),
@@ -109,7 +109,7 @@ def test_what_is_no_base_motion_is_refused():
         ("list of numbers", {"base": (1, 0), "frequencies": ()}),
     ):
         with pytest.raises(fb.SceneError, match=words):
-            fb.frequency_response(scene, **({"at": node, "frequencies": [1.0]} | given))
+            fb.frequency_response(scene, **({"at": node, "frequencies": [1.0]} | bad_call))
     turning, body, _ = guided_body((1, 0), 1.0, 1.0, spring=fb.Spring(100.0))
     state = fb.static(turning, spin=2.0)
     with pytest.raises(fb.SceneError, match="the state turns"):

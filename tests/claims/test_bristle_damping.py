@@ -123,8 +123,8 @@ def test_critical_damping_is_that_of_the_mass_which_the_spring_holds():
     ball = scene.add_body((6, 1), mass=4.0, inertia=0.1).centre
     hit = fb.Coulomb(0.3, 1e4)
     scene.add_contact(ball, fb.Circle(cart, 0.1), stiffness=1e4, friction=hit)
-    given = fb.Coulomb(0.3, 1e4, damping=0.125)
-    scene.add_contact(ball, fb.Line((0, -9), (0, 1)), stiffness=1e4, friction=given)
+    friction = fb.Coulomb(0.3, 1e4, damping=0.125)
+    scene.add_contact(ball, fb.Line((0, -9), (0, 1)), stiffness=1e4, friction=friction)
     bed = scene.add_beam([(8, 0), (9, 0)], BEAM, elements=4)
     scene.clamp(bed.start)
     scene.add_contact(ball, bed, stiffness=1e4, radius=0.1, friction=hit)
@@ -186,7 +186,7 @@ def test_critical_damping_is_the_same_in_all_directions():
         line = fb.Line((0, 0), across)
         scene.add_contact(body, line, stiffness=1e5, friction=fb.Coulomb(0.3, 1e4))
         damping.append(fb.simulate(scene, dt=1e-3, t_end=1e-3).stats.friction_damping)
-    values = [next(iter(of.values())) for of in damping]
+    values = [next(iter(values_of_scene.values())) for values_of_scene in damping]
     assert values[1:] == [pytest.approx(values[0], rel=1e-12)] * 2
 
 

@@ -362,5 +362,5 @@ def test_beams_may_be_equal_where_derivatives_are_taken(kind):
     run([1.0, 1.0])
     J = run.jacobian()["end"][-1]
     for i, unit in enumerate(h * np.eye(2)):
-        below, above = (run(np.ones(2) + by)[1]["end"][-1] for by in (-unit, unit))
+        below, above = (run(np.ones(2) + change)[1]["end"][-1] for change in (-unit, unit))
         assert J[i] == pytest.approx((above - below) / (2 * h), rel=1e-6)

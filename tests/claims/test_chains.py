@@ -142,8 +142,8 @@ def chain_with_a_bead(n):
     scene = chain(n)[0]
     end = scene.bodies[-1].nodes[-1]
     beam = scene.add_beam([end, (end.x + 2.0, end.y)], SOFT, elements=12)
-    at = end.x + 0.6
-    bead = scene.add_beam([(at, end.y), (at, end.y + 0.3)], SOFT, elements=1)
+    place = end.x + 0.6
+    bead = scene.add_beam([(place, end.y), (place, end.y + 0.3)], SOFT, elements=1)
     scene.add_mass(bead.start, 0.5, inertia=0.05)
     scene.add_joint(fb.Sleeve(beam, bead.start))
     bars = links(scene, [(5, 0), (5, 0.2), (5.3, 0.2), (5.3, 0)])

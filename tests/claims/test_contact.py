@@ -370,18 +370,18 @@ def test_an_obstacle_far_stiffer_than_a_beam_props_it_after_a_small_gap(gap, k):
     assert force == pytest.approx((0.01 / 3 - gap) / (1 / 3 + 1 / k), rel=1e-4)
 
 
-def pressed(on, mu, load, elements, rise=None):
+def pressed(shape, mu, load, elements, rise=None):
     """A cantilever whose end a load presses onto something; the load rises in a time, with drag."""
     section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=0.1, rhoI=1e-4)
     scene, beam = clamped_bar((1, 0), section, elements=elements)
     other = {"peg": fb.Circle((0.8, -0.15), 0.1), "slope": fb.Line((1.0, -0.07), (-0.05, 1.0))}
-    if on == "beam":
-        other[on] = scene.add_beam([(0.5, -0.07), (1.2, -0.07)], section, elements=elements)
-        scene.clamp(other[on].start)
-        scene.clamp(other[on].end)
+    if shape == "beam":
+        other[shape] = scene.add_beam([(0.5, -0.07), (1.2, -0.07)], section, elements=elements)
+        scene.clamp(other[shape].start)
+        scene.clamp(other[shape].end)
     friction = fb.Coulomb(mu, 1e5) if mu else None
-    radius = 0.01 if on == "beam" else 0.0
-    scene.add_contact(beam, other[on], 1e5, friction=friction, radius=radius)
+    radius = 0.01 if shape == "beam" else 0.0
+    scene.add_contact(beam, other[shape], 1e5, friction=friction, radius=radius)
     for moving in scene.beams:
         scene.add_drag(moving, linear=2.0)
     full = np.array(load)
@@ -390,7 +390,7 @@ def pressed(on, mu, load, elements, rise=None):
 
 
 @pytest.mark.parametrize(
-    ("on", "mu", "load", "elements"),
+    ("shape", "mu", "load", "elements"),
     [
         ("peg", 0.0, (0, -3), 8),
         ("peg", 0.5, (0, -8), 20),
@@ -398,14 +398,16 @@ def pressed(on, mu, load, elements, rise=None):
         ("beam", 2.0, (0, -8), 8),
     ],
 )
-def test_a_beam_that_is_pressed_onto_something_rests_where_slow_motions_end(on, mu, load, elements):
+def test_a_beam_that_is_pressed_onto_something_rests_where_slow_motions_end(
+    shape, mu, load, elements
+):
     """The tangent of open contacts sends it far through, that of closed ones opens others."""
-    scene, beam = pressed(on, mu, load, elements)
+    scene, beam = pressed(shape, mu, load, elements)
     path = fb.static(scene, load_steps=10)
-    slow, same = pressed(on, mu, load, elements, rise=5.0)
+    slow, same = pressed(shape, mu, load, elements, rise=5.0)
     motion = fb.simulate(slow, dt=0.005, t_end=8.0)
-    for at, node in zip(beam.nodes, same.nodes, strict=True):
-        assert path.position(at)[-1] == pytest.approx(motion.position(node)[-1], abs=5e-5)
+    for own_node, node in zip(beam.nodes, same.nodes, strict=True):
+        assert path.position(own_node)[-1] == pytest.approx(motion.position(node)[-1], abs=5e-5)
 
 
 @pytest.mark.parametrize("load_steps", [1, 3, 10])
@@ -474,8 +476,8 @@ def test_a_circle_that_is_pressed_into_a_cantilever_takes_it_along(gap, load_ste
 
 def test_modes_have_the_stiffness_of_a_closed_contact_and_not_of_an_open_one():
     factor = 2 * math.pi * 2**2 / math.sqrt(1e3)
-    for at, first in ((0.0, 15.418), (-1.0, 3.516)):
-        scene, _ = cantilever(1e9, at=at, load=-1e-3, rhoA=1.0)
+    for height, first in ((0.0, 15.418), (-1.0, 3.516)):
+        scene, _ = cantilever(1e9, at=height, load=-1e-3, rhoA=1.0)
         modes = fb.modes(scene, state=fb.static(scene, load_steps=1), n=1)
         assert factor * modes.frequencies[0] == pytest.approx(first, rel=3e-3)
     for limit, stiffness in ((0.2, 1001.0), (9.0, 1.0)):

@@ -33,11 +33,11 @@ def test_a_motion_ends_where_a_contact_pushes_hard():
     assert fall.contact(contact).force[-1].sum(axis=0)[1] == pytest.approx(100.0, rel=1e-6)
 
 
-@pytest.mark.parametrize("of", ["line", "moving circle", "member"])
-def test_outputs_are_those_of_the_solution(of):
+@pytest.mark.parametrize("kind", ["line", "moving circle", "member"])
+def test_outputs_are_those_of_the_solution(kind):
     section = fb.Section(EA=1e5, GA=1e5, EI=50.0, rhoA=2.0, rhoI=1e-4)
     scene, beam = one_bar([(-1, 0.05), (1, 0.1)], section, elements=6, gravity=(0.0, -10.0))
-    if of == "line":
+    if kind == "line":
         shape = fb.Line((0, 0), normal=(0, 1))
         contacts = [scene.add_contact(beam, shape, stiffness=3e4, along=2)]
     else:
@@ -45,7 +45,7 @@ def test_outputs_are_those_of_the_solution(of):
         scene.clamp(support)
         shape = fb.Circle(support, 0.4)
         contacts = [scene.add_contact(beam, shape, stiffness=3e4)]
-    if of == "member":
+    if kind == "member":
         load = scene.add_body((0.0, 0.2), mass=1.0, inertia=0.1).centre
         scene.add_contact(load, beam, stiffness=1e4, radius=0.02)
         contacts.append(scene.contacts[-1])

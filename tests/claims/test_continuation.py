@@ -60,9 +60,9 @@ def test_a_deep_arch_meets_the_limit_load_of_the_literature():
     half = np.radians(215 / 2)
 
     def limit(elements):
-        at = np.linspace(-half, half, elements + 1)
+        angles = np.linspace(-half, half, elements + 1)
         section = fb.Section(EA=1e8, GA=1e8, EI=1.0)
-        around = np.column_stack([np.sin(at), np.cos(at)])
+        around = np.column_stack([np.sin(angles), np.cos(angles)])
         scene, arch = clamped_bar(around, section, elements)
         scene.pin(arch.end)
         scene.add_force(arch.node(0.5), (0.0, -10.0))

@@ -81,5 +81,5 @@ def test_a_quantity_that_does_not_converge_is_reported_with_the_last_solution():
     ],
 )
 def test_invalid_options_are_refused(options, message):
-    given = {"scene_of": cantilever, "quantity": tip, "tolerance": 1e-2, "t_end": 0.1} | options
-    assert_refused(message, fb.converge, **given)
+    arguments = {"scene_of": cantilever, "quantity": tip, "tolerance": 1e-2, "t_end": 0.1} | options
+    assert_refused(message, fb.converge, **arguments)

@@ -209,13 +209,13 @@ def test_a_linear_system_can_be_copied_and_reads_the_same_states(copied, turns):
         about, motion = None, fb.simulate(scene, dt=0.01, t_end=0.1)
     outputs = {"tip": fb.Output("displacement", beam.end, "y")}
     system = fb.linearise(scene, about, outputs=outputs)
-    for of in (system, system.slowest(3)):
-        other = copied(of)
+    for original in (system, system.slowest(3)):
+        other = copied(original)
         for name in "ABCD":
-            assert (getattr(other, name) == getattr(of, name)).all()
-        assert (other.inputs, other.outputs) == (of.inputs, of.outputs)
-        assert of.deviation(motion).any()
-        assert (other.deviation(motion) == of.deviation(motion)).all()
+            assert (getattr(other, name) == getattr(original, name)).all()
+        assert (other.inputs, other.outputs) == (original.inputs, original.outputs)
+        assert original.deviation(motion).any()
+        assert (other.deviation(motion) == original.deviation(motion)).all()
 
 
 @every_way
@@ -280,5 +280,5 @@ def test_equilibria_that_follow_each_other_hold_no_earlier_ones_nor_functions_of
     earlier = weakref.ref(first), weakref.ref(second)
     del first, second
     gc.collect()
-    assert [of() for of in earlier] == [None, None]
+    assert [solution() for solution in earlier] == [None, None]
     assert_same(last, pickled(last))

@@ -37,8 +37,8 @@ def piecewise(slopes, kinks):
 
     def energy(x):
         parts = [
-            ufl.conditional(ufl.gt(abs(x), at), (new - old) / 2 * (abs(x) - at) ** 2, 0.0)
-            for old, new, at in zip(slopes, slopes[1:], kinks, strict=False)
+            ufl.conditional(ufl.gt(abs(x), kink), (new - old) / 2 * (abs(x) - kink) ** 2, 0.0)
+            for old, new, kink in zip(slopes, slopes[1:], kinks, strict=False)
         ]
         return sum(parts, slopes[0] / 2 * x**2)
 
@@ -107,9 +107,9 @@ def test_the_limit_load_of_a_portal_frame_is_that_of_its_mechanism():
     limit = path.load_factor[: 1 + np.argmax(np.diff(path.load_factor) < 0)].max()
     assert limit == pytest.approx(6 * YIELD / (2 * P), rel=1e-4)
     flown = [path.joint(joint).internal("plastic") for joint in joints]
-    at = list(path.load_factor).index(limit) + 3
+    row = list(path.load_factor).index(limit) + 3
     # The left corner does not turn in the combined mechanism, all others do.
-    assert [abs(a[at]) > 1e-3 for a in flown] == [True, False, True, True, True]
+    assert [abs(a[row]) > 1e-3 for a in flown] == [True, False, True, True, True]
 
 
 def test_a_bar_that_yields_as_it_snaps_through_unloads_where_it_is_shortest():

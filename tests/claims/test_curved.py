@@ -46,8 +46,8 @@ def test_elements_of_an_arc_divide_its_circle_and_meet_it_at_their_lobatto_point
     def point(angle):
         return 3 - 2 * math.cos(side * angle), 5 - 2 * math.sin(side * angle)
 
-    given = fb.arc(point(0), point(0.3 * sweep), point(sweep))
-    scene, arc = one_bar(given, FLYING, elements=5, degree=degree)
+    curve = fb.arc(point(0), point(0.3 * sweep), point(sweep))
+    scene, arc = one_bar(curve, FLYING, elements=5, degree=degree)
     found, places = at_lobatto_points(arc)
     exact = [[point(sweep * (k + (1 + x) / 2) / 5) for x in places] for k in range(5)]
     assert abs(found - exact).max() < 1e-12
@@ -208,11 +208,13 @@ def tip_per_moment(curve, degree, elements, moment):
     scene, beam = clamped_bar(function, section, elements=elements, degree=degree)
     scene.add_moment(beam.end, moment)
 
-    def advance(f, of):  # along the tangent, which turns in proportion to the arc length before it
+    def advance(
+        f, component
+    ):  # along the tangent, which turns in proportion to the arc length before it
         length, _ = quad(lambda g: math.hypot(*rate(g)), 0, f)
-        return of(moment * length + math.atan2(*rate(f)[::-1])) * math.hypot(*rate(f))
+        return component(moment * length + math.atan2(*rate(f)[::-1])) * math.hypot(*rate(f))
 
-    exact = [quad(advance, 0, 1, of, epsabs=1e-13)[0] for of in (math.cos, math.sin)]
+    exact = [quad(advance, 0, 1, component, epsabs=1e-13)[0] for component in (math.cos, math.sin)]
     return math.dist(fb.static(scene, load_steps=2).position(beam.end)[-1], exact)
 
 

@@ -164,7 +164,7 @@ def test_a_node_without_mass_that_relaxes_is_no_mode(series, c, c_of_mass, eleme
     A real one alone has no frequency and no ratio; two real ones are those of an overdamped mode.
     """
     scene = standard_solid(1.0, 100.0, series, c, c_of_mass, elements)
-    found, plain = (fb.modes(scene, n=4, damping=of) for of in (True, False))
+    found, plain = (fb.modes(scene, n=4, damping=damping) for damping in (True, False))
     assert len(found) == len(plain)
     (root,) = (s for s in found.eigenvalues if s.real < -1e-9)
     by_s = c * (100.0 + series) + series * c_of_mass

@@ -65,8 +65,8 @@ def test_the_balance_closes_for_steps_in_parts_of_changing_length(order):
     assert rises(energy.total + energy.algorithmic) < 1e-13
     # Forces with the addition of the scheme, against the change of the momentum (no parts).
     whole = fb.simulate(scene, fb.EnergyDecaying(order=order), dt=0.01, t_end=0.2)
-    given = np.diff(whole.linear_momentum, axis=0) / 0.01
-    assert abs(whole.reaction(beam.start)[1:, :2] - given).max() < 1e-9 * abs(given).max()
+    forces = np.diff(whole.linear_momentum, axis=0) / 0.01
+    assert abs(whole.reaction(beam.start)[1:, :2] - forces).max() < 1e-9 * abs(forces).max()
 
 
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying(order=1)])

@@ -304,7 +304,7 @@ def with_work(build):
     def observed(x):
         scene = build(x)
         quantities = {"work": "work", "lost": "dissipated_energy", "total": "total_energy"}
-        return scene, {name: fb.Output(of, scene) for name, of in quantities.items()}
+        return scene, {name: fb.Output(quantity, scene) for name, quantity in quantities.items()}
 
     return observed
 

@@ -108,8 +108,8 @@ def tumbling():
 @pytest.mark.parametrize("scheme", [fb.EnergyDecaying(0.01), fb.HHT(-0.2)], ids=lambda s: s.name)
 def test_every_scheme_loses_the_same_energy_in_every_step(scheme):
     lost = []
-    for of in (scheme, fb.EnergyMomentum()):
-        solution = fb.simulate(tumbling(), of, dt=0.005, t_end=0.5)
+    for other_scheme in (scheme, fb.EnergyMomentum()):
+        solution = fb.simulate(tumbling(), other_scheme, dt=0.005, t_end=0.5)
         taken = solution.energy.dissipated - solution.energy.numerical
         assert np.diff(taken).min() > 0
         lost.append(taken[-1])

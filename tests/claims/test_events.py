@@ -176,11 +176,11 @@ def test_rows_between_constant_steps_do_not_reach_over_a_contact():
     assert largest(np.linspace(0.0, 0.3149, 500)) < 1e-12
 
 
-@pytest.mark.parametrize("of", ["obstacle", "stop"])
-def test_order_four_warns_of_losses_at_impacts(of, caplog):
+@pytest.mark.parametrize("obstacle", ["obstacle", "stop"])
+def test_order_four_warns_of_losses_at_impacts(obstacle, caplog):
     for order, loss in ((4, 0.5), (4, 1.0), (2, 0.5)):
         scene, node = ball()
-        if of == "obstacle":
+        if obstacle == "obstacle":
             scene.add_contact(
                 node, fb.Line((0, 0), normal=(0, 1)), 1e4, restitution=loss, speed=0.1
             )

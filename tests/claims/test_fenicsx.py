@@ -139,7 +139,7 @@ def test_replaced_resultants_are_those_of_a_scheme_of_ones_own(degree):
     own = fb.Scheme("pulled", lambda step, law: pulled(step, law, 10.0), fb.MidPointRates())
     engine = fb.simulate(scene, own, dt=DT, t_end=T_END)
     assert_same(solution, engine, 1e-11)
-    here, there = (of.resultants(first) for of in (solution, engine))
+    here, there = (motion.resultants(first) for motion in (solution, engine))
     for name in "NQM":
         values = getattr(there, name)
         np.testing.assert_allclose(
@@ -242,9 +242,9 @@ def test_a_motion_goes_on_from_the_engine_and_in_it():
     whole = fb.simulate(scene, dt=DT, t_end=2 * T_END)
     problem = fenicsx.Problem(scene, dt=DT)
     problem.start_from(fb.simulate(scene, dt=DT, t_end=T_END))
-    on = problem.run(2 * T_END)
-    np.testing.assert_allclose(on.q[-1], whole.q[-1], rtol=0, atol=1e-12)
-    back = fb.simulate(scene, dt=DT, t_end=3 * T_END, start=on)
+    longer = problem.run(2 * T_END)
+    np.testing.assert_allclose(longer.q[-1], whole.q[-1], rtol=0, atol=1e-12)
+    back = fb.simulate(scene, dt=DT, t_end=3 * T_END, start=longer)
     assert abs(back.energy.balance_error).max() < 1e-12
     problem.start_from(whole, row=STEPS)
     assert problem.t == pytest.approx(T_END)
@@ -314,8 +314,8 @@ def test_equilibria_are_those_of_the_engine():
     np.testing.assert_allclose(solution.q, engine.q, rtol=0, atol=1e-12)
     np.testing.assert_allclose(solution.reactions, engine.reactions, rtol=0, atol=1e-8)
     assert list(solution.unstable_modes) == list(engine.unstable_modes)
-    on = fb.simulate(scene, dt=DT, t_end=5 * DT, start=solution)
-    assert abs(on.q - on.q[0]).max() < 1e-11  # it rests
+    longer = fb.simulate(scene, dt=DT, t_end=5 * DT, start=solution)
+    assert abs(longer.q - longer.q[0]).max() < 1e-11  # it rests
 
 
 def test_a_column_above_its_critical_load_is_said_to_be_unstable(caplog):
@@ -383,7 +383,7 @@ def test_displacements_and_moments_go_to_xdmf_and_vtk(tmp_path):
         for _ in range(3):
             problem.advance()
             file.write_function(problem.u, problem.t)
-    moment = problem.interpolate([of[2] for of in problem.resultants], name="M")
+    moment = problem.interpolate([resultants[2] for resultants in problem.resultants], name="M")
     with dolfinx.io.VTKFile(MPI.COMM_SELF, str(tmp_path / "u.pvd"), "w") as file:
         file.write_mesh(problem.mesh)
         file.write_function([problem.u], problem.t)
@@ -391,7 +391,7 @@ def test_displacements_and_moments_go_to_xdmf_and_vtk(tmp_path):
     assert text.count("<Time") >= 3 and (tmp_path / "u.pvd").exists()
     engine = fb.simulate(scene, dt=DT, t_end=3 * DT)
     M = np.concatenate([engine.resultants(beam).M[-1] for beam in scene.beams])
-    at_middle = problem.at_points([of[2] for of in problem.resultants])[..., 0]
+    at_middle = problem.at_points([resultants[2] for resultants in problem.resultants])[..., 0]
     np.testing.assert_allclose(at_middle, M, atol=1e-9 * abs(M).max())
     np.testing.assert_allclose(np.sort(moment.x.array), np.sort(M), atol=1e-9 * abs(M).max())
 

@@ -90,7 +90,7 @@ def mean_forces(scheme, lengths, push):
     ids=["half", "varied", "jump"],
 )
 def test_an_even_number_of_sub_steps_keeps_the_order_of_forces_at_changes(shares, push):
-    fractions = (on := 0.5 / (3 - 3 ** (1 / 3)), on, on, 0.5 - 3 * on)
+    fractions = (forward := 0.5 / (3 - 3 ** (1 / 3)), forward, forward, 0.5 - 3 * forward)
     plain, errors = fb.EnergyMomentum(), []
     even = fb.Scheme("even", plain.resultants, plain.rates, fractions + fractions[::-1])
     for parts in (1, 2):
@@ -316,8 +316,8 @@ def test_rows_of_some_steps_without_motion_have_the_same_forces():
 def test_outputs_of_a_motion_are_those_of_its_record_also_after_a_return(build, order):
     scene, scheme = build(), fb.EnergyMomentum(order=order)
     joint, body = scene.joints[-1], scene.bodies[-1]
-    of = {"force": joint, "velocity": body.centre, "acceleration": body.centre, "spin": joint}
-    outputs = {name: fb.Output(name, what) for name, what in of.items()}
+    places = {"force": joint, "velocity": body.centre, "acceleration": body.centre, "spin": joint}
+    outputs = {name: fb.Output(name, what) for name, what in places.items()}
     motion = fb.Motion(scene, scheme, dt=0.004, outputs=outputs, record=fb.Record())
     rows = [motion.outputs, *(motion.step() for _ in range(10))]
     snapshot = motion.snapshot()
@@ -340,10 +340,10 @@ def test_outputs_of_a_motion_are_those_of_its_record_also_after_a_return(build, 
 def test_a_driven_input_gives_the_forces_of_the_same_motion_along_straight_lines():
     places = 0.1 * (0.01 * np.maximum(np.arange(21) - 1, 0)) ** 2  # at rest in the first step
     moved = []
-    for given in (fb.Input("x"), lambda t: np.interp(t, 0.01 * np.arange(21), places)):
+    for motor in (fb.Input("x"), lambda t: np.interp(t, 0.01 * np.arange(21), places)):
         scene, cart = one_body((0, 0), 1.0, 0.1, gravity=(0, -G))
         bob = scene.add_body((0, -0.5), 1.0, 0.05, points={"q": (0, 0)})
-        rail = fb.Prismatic(fb.GROUND, cart.centre, axis=(1, 0), motor=given)
+        rail = fb.Prismatic(fb.GROUND, cart.centre, axis=(1, 0), motor=motor)
         rail = scene.add_joint(rail)
         scene.add_joint(fb.Revolute(cart.centre, bob["q"]))
         moved.append((scene, rail))
@@ -374,22 +374,22 @@ def jacobian(x):
 
 def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand():
     scene = double_pendulum()
-    at = fb.Motion(scene, dt=0.004)
-    at.run(0.4)
-    last = at.state
+    motion = fb.Motion(scene, dt=0.004)
+    motion.run(0.4)
+    last = motion.state
     first, second = (body.centre for body in scene.bodies)
     outputs = {
         f"{what}{i}": fb.Output(what, node)
         for what in ("rotation", "spin")
         for i, node in enumerate((first, second))
     }
-    system = fb.linearise(scene, at, outputs=outputs)
+    system = fb.linearise(scene, motion, outputs=outputs)
     x = np.array(
         [getattr(last, what)(node)[-1] for what in ("rotation", "spin") for node in (first, second)]
     )
     found = system.C @ system.A @ np.linalg.inv(system.C)
     assert found == pytest.approx(jacobian(x), abs=1e-9)
-    assert abs(system.deviation(at)).max() < 1e-9
+    assert abs(system.deviation(motion)).max() < 1e-9
 
 
 def test_rows_farther_apart_have_the_same_forces_beside_a_slide_that_moves():

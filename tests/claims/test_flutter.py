@@ -21,8 +21,8 @@ def column(load, tip_mass, elements, degree):
     return scene
 
 
-def flutter_load(load, steps, *of):
-    point, *_ = fb.static(column(load, *of), load_steps=steps).critical_points
+def flutter_load(load, steps, *sizes):
+    point, *_ = fb.static(column(load, *sizes), load_steps=steps).critical_points
     assert point.kind == "flutter"
     return load * point.load_factor
 
@@ -36,11 +36,11 @@ def test_pfluegers_column_flutters_at_its_load(tip_mass, exact):
 @pytest.mark.parametrize(("tip_mass", "elements", "degree"), [(0, 8, 3), (0.5, 4, 2), (2, 6, 3)])
 def test_the_load_of_flutter_depends_on_neither_steps_nor_loads(tip_mass, elements, degree):
     ways = [(30.0, 7), (22.0, 5), (20.6, 4), (24.0, 1)]
-    of = tip_mass, elements, degree
-    loads = [flutter_load(*way, *of) for way in ways]
+    sizes = tip_mass, elements, degree
+    loads = [flutter_load(*way, *sizes) for way in ways]
     assert loads == pytest.approx(loads[:1] * len(ways), rel=1e-8)
     for side, grow in ((-1e-8, 0), (1e-8, 1)):
-        path = fb.static(column(loads[0] * (1 + side), *of), load_steps=2)
+        path = fb.static(column(loads[0] * (1 + side), *sizes), load_steps=2)
         assert path.unstable_modes[-1] == grow
 
 

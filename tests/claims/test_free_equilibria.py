@@ -99,7 +99,7 @@ def test_a_free_ring_that_cools_shrinks():
     scene, R = fb.Scene(), 2.0
     section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0)
     places = [[(s * R, 0), (0, s * R), (-s * R, 0)] for s in (1, -1)]
-    halves = [scene.add_beam(fb.arc(*of), section, elements=20, degree=2) for of in places]
+    halves = [scene.add_beam(fb.arc(*points), section, elements=20, degree=2) for points in places]
     for one, other in (halves, halves[::-1]):
         scene.add_joint(fb.Rigid(one.end, other.start))
     for half in halves:

@@ -68,9 +68,9 @@ def arm(load=None):
     section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=1e-2, retardation=0.01)
     scene, post = clamped_bar((0.5, 0), section, elements=3, degree=2, gravity=(0.0, -9.81))
     arm = scene.add_beam([(0.5, 0), (1.3, 0.2)], section, elements=4, degree=2)
-    on = {"spring": fb.Spring(60.0), "damper": fb.Damper(2.0)}
+    laws = {"spring": fb.Spring(60.0), "damper": fb.Damper(2.0)}
     hinge = fb.Coordinate(spring=fb.Spring(30.0), damper=fb.Damper(0.8))
-    joint = fb.PinInSlot(post.end, arm.start, axis=(0.6, 0.8), hinge=hinge, **on)
+    joint = fb.PinInSlot(post.end, arm.start, axis=(0.6, 0.8), hinge=hinge, **laws)
     joint = scene.add_joint(joint)
     if load is not None:
         scene.add_force(arm.end, load)
@@ -123,7 +123,7 @@ def test_what_is_no_load_place_or_frequency_is_refused():
     bodies = [rigid_scene.add_body((x, 0), 1.0, 0.1).centre for x in (0, 1)]
     rigid_scene.pin(bodies[0])
     rigid = rigid_scene.add_joint(fb.Rigid(*bodies, offset=(1, 0)))
-    for given, words in (
+    for bad_call, words in (
         ((scene, (foreign.end, (1.0, 0.0)), beam.end, f), "belongs to another scene"),
         ((scene, (beam.end, (1.0, np.nan)), beam.end, f), r"must be \(fx, fy\) or"),
         ((scene, (scene.beams[0].start, (1.0, 0.0)), beam.end, f), "supports take all of it"),
@@ -131,7 +131,7 @@ def test_what_is_no_load_place_or_frequency_is_refused():
         ((rigid_scene, (bodies[1], (0, 1)), rigid, f), "has no free coordinate"),
         ((scene, load, beam.end, [-1.0]), "zero or positive"),
     ):
-        assert_refused(words, fb.frequency_response, *given)
+        assert_refused(words, fb.frequency_response, *bad_call)
     found = fb.frequency_response(scene, load, joint, f)
     assert repr(found) == "<FrequencyResponse of slide, angle at 1 frequencies>"
     assert_refused("component = 'x' must be one of", found.component, "x")

@@ -175,9 +175,9 @@ def test_full_turns_count_over_thousands_of_steps(tmp_path):
     assert turned > 200 * np.pi
     assert motion.rotation(nodes[0])[-1] == pytest.approx(turned / 7, rel=1e-13)
     motion.save(tmp_path / "turns.npz")
-    on = fb.simulate(scene, dt=0.05, t_end=130.0, start=fb.load(tmp_path / "turns.npz"))
-    assert abs(on.joint(gear).difference).max() < 1e-11
-    assert np.ptp(on.energy.total) < 1e-12 * on.energy.total[0]
+    longer = fb.simulate(scene, dt=0.05, t_end=130.0, start=fb.load(tmp_path / "turns.npz"))
+    assert abs(longer.joint(gear).difference).max() < 1e-11
+    assert np.ptp(longer.energy.total) < 1e-12 * longer.energy.total[0]
 
 
 # -- Racks and motors ----------------------------------------------------------------------------
@@ -209,8 +209,8 @@ def test_a_motor_may_be_on_either_side(driver):
     nodes = [scene.add_body((i, 0), 1.0, 0.1).centre for i in range(2)]
     motors = [{"motor": lambda t: 0.3 * t**2} if i == driver else {} for i in range(2)]
     joints = [
-        scene.add_joint(fb.Revolute(fb.GROUND, node, **of))
-        for node, of in zip(nodes, motors, strict=True)
+        scene.add_joint(fb.Revolute(fb.GROUND, node, **motor))
+        for node, motor in zip(nodes, motors, strict=True)
     ]
     scene.add_joint(fb.Gear(*joints, -2.0))
     motion = fb.simulate(scene, dt=0.01, t_end=1.0)

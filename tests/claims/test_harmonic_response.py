@@ -33,8 +33,8 @@ def oscillator(x):
     """Mass, stiffness and damping, and the load."""
     scene, (m, k, c, load) = fb.Scene(), x
     body = scene.add_body((0, 0), mass=m, inertia=1.0)
-    of = {"spring": fb.Spring(k), "damper": fb.Damper(c)}
-    joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), **of))
+    laws = {"spring": fb.Spring(k), "damper": fb.Damper(c)}
+    joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), **laws))
     return scene, (body.centre, (load, 0.0)), joint
 
 

@@ -268,8 +268,8 @@ def test_at_rest_on_the_yield_surface_a_motion_has_the_derivatives_of_its_equili
     run, x, h = fb.Response(build, dt=0.01, t_end=0.05, **start), np.array([1.1, 1.05]), 1e-5
     _, y = run(x)
     assert abs(y["tip"] - tip(x)).max() < 1e-12
-    at = [[tip(x + k * h * row) for k in (-2, -1, 1, 2)] for row in np.eye(2)]
-    expected = np.einsum("k,mkc->cm", [1, -8, 8, -1], at) / (12 * h)
+    tips = [[tip(x + k * h * row) for k in (-2, -1, 1, 2)] for row in np.eye(2)]
+    expected = np.einsum("k,mkc->cm", [1, -8, 8, -1], tips) / (12 * h)
     J = run.jacobian("tip")["tip"]
     assert abs(J - expected).max() < 1e-8
     weights = np.arange(y["tip"].size, dtype=float).reshape(y["tip"].shape)
@@ -307,9 +307,11 @@ def test_rows_are_those_of_the_steps_that_are_recorded():
     rows = [*range(0, 50, 7), 50]
     assert (some.internal(beam, NAME) == every.internal(beam, NAME)[rows]).all()
     assert abs(some.resultants(beam).M - every.resultants(beam).M[rows]).max() < 1e-12
-    at = fb.simulate(scene, tolerance=1e-2, t_end=1.0, record=fb.Record(times=[0.0, 0.33, 1.0]))
-    assert abs(at.energy.balance_error).max() < 1e-11
-    assert abs(at.internal(beam, NAME)[-1] - every.internal(beam, NAME)[-1]).max() < 0.02
+    some_rows = fb.simulate(
+        scene, tolerance=1e-2, t_end=1.0, record=fb.Record(times=[0.0, 0.33, 1.0])
+    )
+    assert abs(some_rows.energy.balance_error).max() < 1e-11
+    assert abs(some_rows.internal(beam, NAME)[-1] - every.internal(beam, NAME)[-1]).max() < 0.02
     none = fb.simulate(scene, dt=0.02, t_end=0.1, record=fb.Record(motion=False))
     assert_refused("motion not recorded", lambda: none.internal(beam, NAME), error=ValueError)
 

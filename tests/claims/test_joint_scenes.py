@@ -163,16 +163,16 @@ def projected(kind, massless, field):
         third = scene.add_beam([beams[1].end, (2, 0)], bar, elements=2)
         beams.append(scene.add_beam([(2, 0), (3, 0)], MEMBER, elements=1))
         joints.append(scene.add_joint(fb.Revolute(third.end, beams[2].start)))
-    given = np.zeros((1, len(scene.nodes), 3))
+    rates = np.zeros((1, len(scene.nodes), 3))
     for node in beams[1].nodes:
-        given[0, node.number] = *field(node.x, node.y), node.x + 2
+        rates[0, node.number] = *field(node.x, node.y), node.x + 2
     scene.set_velocity(beams[1], field, spin=lambda x, y: x + 2)
     scene.make_velocities_compatible()
     solution = fb.simulate(scene, dt=0.01, t_end=0.01)
     for each in joints:
         assert relative_rates(solution, each, 0) == pytest.approx([0, 0, 0], abs=1e-13)
         assert relative_rates(solution, each, -1) == pytest.approx([0, 0, 0], abs=1e-9)
-    return beams, given - solution.v[:1], solution.v[:1]
+    return beams, rates - solution.v[:1], solution.v[:1]
 
 
 @pytest.mark.parametrize(

@@ -79,9 +79,9 @@ def test_gaps_stay_closed_over_10_000_steps_without_stabilisation(kind):
 def held(place, kind):
     """A pair with its joint's nodes supported, or a joint with the ground as b."""
     if place == "ground as b":
-        make, _, given = KINDS[kind]
+        make, _, data = KINDS[kind]
         scene, beam = one_bar((1, 0), MEMBER, elements=2, gravity=(3, -9.81))
-        scene.add_joint(make(beam.start, fb.GROUND, **given))
+        scene.add_joint(make(beam.start, fb.GROUND, **data))
         return scene
     scene, first, second, _ = pair(kind, gravity=(3, -9.81))
     {
@@ -101,10 +101,10 @@ def row(*kinds, first=(), last=()):
     elif first:
         scene.fix(beam.start, *first)
     for kind in kinds:
-        make, place, given = KINDS[kind]
+        make, place, data = KINDS[kind]
         start = np.array([beam.start.x, beam.start.y]) + place
         other = scene.add_beam([start, start + (1, 0.5)], MEMBER, elements=1)
-        scene.add_joint(make(beam.start, other.start, **given))
+        scene.add_joint(make(beam.start, other.start, **data))
         beam = other
     if last:
         scene.fix(beam.start, *last)
@@ -141,9 +141,9 @@ ORDERS |= {
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_whichever_node_follows_energy_is_exact_joints_close_and_newton_converges(order):
-    build, *given = ORDERS[order]
+    build, *arguments = ORDERS[order]
     for scheme in (fb.EnergyMomentum(), fb.GeneralizedAlpha(0.6)):
-        scene = build(*given)
+        scene = build(*arguments)
         tight = fb.NewtonOptions(tolerance=1e-12)
         solution = fb.simulate(scene, scheme, dt=0.05, t_end=0.3, newton=tight)
         assert np.ptp(solution.q, axis=0).max() > 0.03

@@ -99,7 +99,7 @@ def test_a_solution_does_not_depend_on_what_becomes_of_its_scene():
     scene.add_joint(fb.PinInSlot(fb.GROUND, arm.end, axis=(0, 1)))
     other = copy.deepcopy(scene)
     options = {"dt": 5e-3, "t_end": 0.05}
-    one, two = (fb.simulate(of, **options) for of in (scene, other))
+    one, two = (fb.simulate(scene_or_copy, **options) for scene_or_copy in (scene, other))
     expected = [two.resultants(arm.name).M, two.joint_forces, two.v, two.energy.kinetic, two.a]
     scene.remove(scene.joints[1], arm)
     ball = scene.add_body((5, 5), 1.0, 0.1, points={"a": (6, 5)})
@@ -306,11 +306,11 @@ def test_the_weaker_of_two_joints_breaks_at_its_force(scheme):
     fuses = {"joint 0": fb.Fuse(joints[0], 9.0), "joint 1": fb.Fuse(joints[1], 8.0)}
     whole = fb.simulate(scene, scheme, dt=0.01, t_end=1.2, changes=fuses)
     assert [*whole.stats.changes] == ["joint 1"]
-    at = int(np.searchsorted(whole.t, whole.stats.changes["joint 1"]))
+    row = int(np.searchsorted(whole.t, whole.stats.changes["joint 1"]))
     # The force is that of the middle of the step.
-    assert whole.t[at - 1 : at + 1].mean() == pytest.approx(0.8, abs=1e-9)
+    assert whole.t[row - 1 : row + 1].mean() == pytest.approx(0.8, abs=1e-9)
     assert abs(whole.q[:, near.number]).max() < 1e-13
-    t1, t2 = whole.t[at], whole.t[-1]
+    t1, t2 = whole.t[row], whole.t[-1]
     assert whole.velocity(far)[-1, 0] == pytest.approx(5 * (t2**2 - t1**2), rel=1e-9)
     assert whole.energy.impact[-1] == pytest.approx(0, abs=1e-12)
     assert abs(whole.energy.balance_error).max() < 1e-11 * whole.energy.work[-1]
@@ -347,8 +347,8 @@ def test_of_fuses_that_a_jump_overloads_the_most_loaded_one_breaks(names, jump, 
     motion = fb.simulate(scene, dt=0.01, t_end=0.1, changes=changes)
     assert motion.stats.changes == {"second": pytest.approx(jump + later, abs=1e-9)}
     if later:
-        at = int(np.searchsorted(motion.t, 0.0309))
-        assert motion.linear_momentum[at, 0] == pytest.approx(90.0 * later)
+        row = int(np.searchsorted(motion.t, 0.0309))
+        assert motion.linear_momentum[row, 0] == pytest.approx(90.0 * later)
 
 
 def test_a_motion_with_changes_ends_by_its_own_condition_and_goes_on_elsewhere(tmp_path):

@@ -96,8 +96,8 @@ def test_the_transfer_function_is_the_frequency_response(rhoI):
     system = fb.linearise(scene, state, outputs=outputs)
     for k, direction in enumerate(np.eye(2)):
         at_end, at_joint = (
-            fb.frequency_response(scene, (arm.end, direction), at, f, state=state).values
-            for at in (arm.end, joint)
+            fb.frequency_response(scene, (arm.end, direction), place, f, state=state).values
+            for place in (arm.end, joint)
         )
         for i, w in enumerate(2 * np.pi * np.array(f)):
             response = np.linalg.solve(1j * w * np.eye(len(system.A)) - system.A, system.B)
@@ -266,8 +266,8 @@ def test_about_the_reference_a_system_has_the_vibrations_of_modes(joint, inertia
     size = {"elements": 2, "degree": degree}
     scene, rail = clamped_bar((1, 0), fb.Section(rhoI=inertia, **DATA), **size)
     mast = scene.add_beam([(0.6, 0), (0.6, 1)], fb.Section(rhoI=0.01, **DATA), **size)
-    on = {"spring": fb.Spring(100.0, rest=0.6), "damper": fb.Damper(0.3)}
-    scene.add_joint(joint(rail, mast.start, **on))
+    laws = {"spring": fb.Spring(100.0, rest=0.6), "damper": fb.Damper(0.3)}
+    scene.add_joint(joint(rail, mast.start, **laws))
     if joint is fb.Slider:
         for x in (-0.4, 1.6):
             scene.add_force_between(mast.end, (x, 2.0), spring=fb.Spring(50.0, rest=2**0.5))

@@ -169,8 +169,8 @@ def check(run, x, tolerance=2e-6):
         known = np.stack([(a[name] - b[name]) / (2 * step) for a, b in moved], axis=-1)
         size = abs(known).max() + 1e-3 * abs(y[name]).max()
         assert jacobian[name] == pytest.approx(known, abs=tolerance * size + 1e-9), name
-    gradient = run.vjp({name: np.cos(np.arange(len(of))) for name, of in y.items()})
-    total = sum(np.cos(np.arange(len(of))) @ jacobian[name] for name, of in y.items())
+    gradient = run.vjp({name: np.cos(np.arange(len(rows))) for name, rows in y.items()})
+    total = sum(np.cos(np.arange(len(rows))) @ jacobian[name] for name, rows in y.items())
     assert gradient == pytest.approx(total, rel=1e-8)
 
 
@@ -308,13 +308,13 @@ def test_a_rope_over_many_points_pulls_each_along_both_of_its_pieces(n):
         scene.add_spring(node, x=fb.Spring(80.0), y=fb.Spring(50.0))
     rope = scene.add_rope(nodes, spring=fb.Spring(100.0), length=0.4 * n)
     solution = fb.static(scene)
-    at = np.array([solution.position(node)[-1] for node in nodes])
-    ways = np.diff(at, axis=0)
+    positions = np.array([solution.position(node)[-1] for node in nodes])
+    ways = np.diff(positions, axis=0)
     sizes = np.hypot(*ways.T)
     tension = 100.0 * (sizes.sum() - 0.4 * n)
     assert tension > 1.0
     assert solution.joint(rope).force[-1] == pytest.approx(tension, rel=1e-9)
     pulls = tension * ways / sizes[:, None]
     on_nodes = np.append(pulls[1:], [[0.0, 0.0]], axis=0) - pulls
-    held = np.array([80.0, 50.0]) * (at - np.array(places))[1:]
+    held = np.array([80.0, 50.0]) * (positions - np.array(places))[1:]
     assert on_nodes == pytest.approx(held, abs=1e-7 * tension)

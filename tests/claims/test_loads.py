@@ -443,7 +443,7 @@ def test_in_statics_the_load_is_that_at_the_given_time():
 
 
 @pytest.mark.parametrize(
-    ("load", "of", "message"),
+    ("load", "arguments", "message"),
     [
         ((0.0, 1.0), BOTH, r"must be a function of \(s, t\)"),
         (lambda s, t: 1.0, BOTH, r"at s = 0, t = 0: 1.0 has the wrong type or shape; it must be 2"),
@@ -453,9 +453,9 @@ def test_in_statics_the_load_is_that_at_the_given_time():
         (lambda x, y: (x, y), "time", "called with the time t only.*of='arc length'"),
     ],
 )
-def test_what_is_no_load_is_refused(load, of, message):
+def test_what_is_no_load_is_refused(load, arguments, message):
     with np.errstate(invalid="ignore"), pytest.raises(fb.SceneError, match=message):
-        loaded(load, of=of)
+        loaded(load, of=arguments)
 
 
 def test_a_load_that_is_not_finite_somewhere_names_the_beam_and_the_place():

@@ -164,8 +164,8 @@ def test_the_response_of_a_slide_is_that_of_its_node():
     scene, bar, slide = trammel()
     state = fb.static(scene, load_steps=2)
     of_slide, of_node = (
-        fb.frequency_response(scene, (bar.centre, (1.0, 0.0)), at, [0.5, 1.5], state)
-        for at in (slide, bar["y"])
+        fb.frequency_response(scene, (bar.centre, (1.0, 0.0)), place, [0.5, 1.5], state)
+        for place in (slide, bar["y"])
     )
     assert of_slide.component("slide") == pytest.approx(of_node.component("y"), rel=1e-9)
     assert abs(of_node.component("y").imag).min() > 0
@@ -223,8 +223,8 @@ def test_linkages_of_several_loops_move_unless_a_pin_is_redundant(seed):
 @pytest.mark.parametrize("seed", [80, 372, 849])
 def test_linkages_of_several_loops_have_derivatives(seed):
     response = fb.Response(lambda x: pinned_at_random(seed, x[0])[:2], dt=0.002, t_end=0.02)
-    at = [response([1.0 + h])[1]["place"] for h in (-2e-3, -1e-3, 1e-3, 2e-3)]
-    difference = (8 * (at[2] - at[1]) - (at[3] - at[0])) / 0.012
+    places = [response([1.0 + h])[1]["place"] for h in (-2e-3, -1e-3, 1e-3, 2e-3)]
+    difference = (8 * (places[2] - places[1]) - (places[3] - places[0])) / 0.012
     response([1.0])
     by_mass = response.jacobian()["place"][..., 0]
     assert by_mass == pytest.approx(difference, rel=1e-7, abs=1e-8 * largest(difference))

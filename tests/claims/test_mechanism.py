@@ -144,20 +144,20 @@ def is_refused(check, scene):
 
 def random_mechanism(rng):
     """Links on a grid, many of them in line or in loops, with or without mass, joined at random."""
-    scene, at = fb.Scene(), {}
+    scene, nodes = fb.Scene(), {}
     grid = [(x, y) for x in range(3) for y in range(3)]
     for _ in range(rng.integers(2, 7)):
         ends = [grid[k] for k in rng.choice(9, 2, replace=False)]
         beam = scene.add_beam(ends, LIGHT if rng.random() < 0.7 else HEAVY, elements=1)
         for place, node in zip(ends, (beam.start, beam.end), strict=True):
-            if place in at and rng.random() < 0.9:
+            if place in nodes and rng.random() < 0.9:
                 kind = rng.integers(4)
                 if kind < 3:
-                    scene.add_joint(fb.Revolute(at[place], node))
+                    scene.add_joint(fb.Revolute(nodes[place], node))
                 else:
-                    scene.add_joint(fb.PinInSlot(at[place], node, axis=(1, rng.integers(2))))
-            at.setdefault(place, node)
-    for node in at.values():
+                    scene.add_joint(fb.PinInSlot(nodes[place], node, axis=(1, rng.integers(2))))
+            nodes.setdefault(place, node)
+    for node in nodes.values():
         for component, often in (("x", 0.7), ("y", 0.7), ("rotation", 0.2)):
             if rng.random() < often:
                 scene.fix(node, component)

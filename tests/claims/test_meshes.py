@@ -100,12 +100,12 @@ def test_beams_are_those_of_the_cells_and_nodes_those_of_the_points():
     scene = fb.Scene()
     before = scene.add_beam([(5, 5), (6, 5)], SECTION, elements=1)
     tags = np.array(["thick", "thin", "thin", "thin", "thick", "thick"])
-    of = {"thick": SECTION, "thin": thin}
-    beams = scene.add_mesh(POINTS, CELLS, of, [1, 2, 3, 1, 2, 3], joints="pin", tags=tags)
+    sections = {"thick": SECTION, "thin": thin}
+    beams = scene.add_mesh(POINTS, CELLS, sections, [1, 2, 3, 1, 2, 3], joints="pin", tags=tags)
     assert scene.beams == [before, *beams]
     assert repr(beams) == "<6 beams between 5 points>"
     assert [beam.elements for beam in beams] == [1, 2, 3, 1, 2, 3]
-    assert [beam.section for beam in beams] == [of[tag] for tag in tags]
+    assert [beam.section for beam in beams] == [sections[tag] for tag in tags]
     assert [(node.x, node.y) for node in beams.nodes] == [*map(tuple, POINTS)]
     for beam, (a, b) in zip(beams, CELLS, strict=True):
         ends = [(node.x, node.y) for node in (beam.start, beam.end)]

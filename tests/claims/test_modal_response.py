@@ -112,8 +112,8 @@ def hinged(x):
     distance, arm, mass, k, c = x
     hinge = (distance - 0.3, 0.1)
     centre = (distance + arm - 0.3, 0.1)
-    of = {"spring": fb.Spring(k), "damper": fb.Damper(c)}
-    scene, body, _ = hinged_body(centre, mass, 0.2, {"hinge": hinge}, **of)
+    laws = {"spring": fb.Spring(k), "damper": fb.Damper(c)}
+    scene, body, _ = hinged_body(centre, mass, 0.2, {"hinge": hinge}, **laws)
     return scene
 
 
@@ -142,12 +142,12 @@ def linkage(x):
     """Four bars, one of them the ground, of bodies that hang in a spring."""
     scene = fb.Scene(gravity=(0, -9.81))
     corners = [(0, 0), (0.3 * x[0], 0.9), (2.0, 1.3 * x[1]), (1.8, 0.0)]
-    last, of = fb.GROUND, {"spring": fb.Spring(100.0 * x[2], rest=0.2), "damper": fb.Damper(x[1])}
+    last, laws = fb.GROUND, {"spring": fb.Spring(100.0 * x[2], rest=0.2), "damper": fb.Damper(x[1])}
     for a, b in zip(corners[:-1], corners[1:], strict=True):
         centre = (np.asarray(a) + np.asarray(b)) / 2
         bar = scene.add_body(centre, mass=1.0 + x[0], inertia=0.2, points={"a": a, "b": b})
-        scene.add_joint(fb.Revolute(last, bar["a"], **of))
-        last, of = bar["b"], {}
+        scene.add_joint(fb.Revolute(last, bar["a"], **laws))
+        last, laws = bar["b"], {}
     scene.add_joint(fb.Revolute(last, fb.GROUND))
     return scene
 
@@ -156,8 +156,8 @@ def beaded(x):
     """A sleeve on a spring on a beam."""
     scene, rod = clamped_bar((2 * x[0], 0.1), limb(x[1]), elements=4, degree=2)
     bead = scene.add_body((0.9 * x[0], 0.045), mass=0.5, inertia=0.01)
-    of = {"spring": fb.Spring(60.0), "damper": fb.Damper(0.5 * x[2])}
-    scene.add_joint(fb.Sleeve(rod, bead.centre, **of))
+    laws = {"spring": fb.Spring(60.0), "damper": fb.Damper(0.5 * x[2])}
+    scene.add_joint(fb.Sleeve(rod, bead.centre, **laws))
     scene.add_force(rod.end, (0.3, -0.5 * x[2]))
     return scene
 
@@ -403,14 +403,14 @@ def test_repeated_modes_have_the_derivatives_of_their_group(caplog):
 
 
 def overdamped(x):
-    of = {"spring": fb.Spring(1.0), "damper": fb.Damper(3.0 * x[0])}
-    scene, body, _ = guided_body((0, 0), 1.0, 1.0, **of)
+    laws = {"spring": fb.Spring(1.0), "damper": fb.Damper(3.0 * x[0])}
+    scene, body, _ = guided_body((0, 0), 1.0, 1.0, **laws)
     return scene
 
 
 def held_by_friction(x):
-    of = {"spring": fb.Spring(x[0]), "friction": fb.Coulomb(1.0, 100.0)}
-    scene, body, _ = guided_body((0, 0), 1.0, 1.0, **of)
+    laws = {"spring": fb.Spring(x[0]), "friction": fb.Coulomb(1.0, 100.0)}
+    scene, body, _ = guided_body((0, 0), 1.0, 1.0, **laws)
     return scene
 
 
@@ -458,7 +458,7 @@ def above(gap, friction):
 def test_friction_of_open_contact_has_no_part_in_derivatives(state, damped):
     friction = fb.Coulomb(0.3, 1e3)
     runs = [
-        fb.ModalResponse(above(0.5, of), 3, state=state, damped=damped) for of in (None, friction)
+        fb.ModalResponse(above(0.5, law), 3, state=state, damped=damped) for law in (None, friction)
     ]
     (w, J), (same, by_x) = ((run(np.ones(3)), run.jacobian()) for run in runs)
     assert same == pytest.approx(w, rel=1e-9, abs=1e-12)

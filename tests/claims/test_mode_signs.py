@@ -39,9 +39,9 @@ def test_the_sign_of_a_mode_is_not_that_of_its_vector_nor_of_rounding_errors():
     modes = fb.modes(column(), n=2)
     for sign in (1, -1):
         for error in (1e-6, -1e-6):
-            given = sign * modes.shapes.copy()
-            given[1, :4, 0] *= 1 + error  # the other half of the column
-            other = dataclasses.replace(modes, shapes=given)
+            signed = sign * modes.shapes.copy()
+            signed[1, :4, 0] *= 1 + error  # the other half of the column
+            other = dataclasses.replace(modes, shapes=signed)
             assert other.shapes == pytest.approx(modes.shapes, rel=1e-5)
 
 

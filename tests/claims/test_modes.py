@@ -274,9 +274,11 @@ def sleeves():
     """Two masts in sleeves on a rail, whose turns have no mass but move with those of the masts."""
     data = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
     scene, rail = clamped_bar((1, 0), fb.Section(**data), elements=4)
-    for at in (0.305, 0.61):
-        mast = scene.add_beam([(at, 0), (at + 0.2, 1)], fb.Section(rhoI=0.01, **data), elements=3)
-        scene.add_joint(fb.Sleeve(rail, mast.start, spring=fb.Spring(100.0, rest=at)))
+    for place in (0.305, 0.61):
+        mast = scene.add_beam(
+            [(place, 0), (place + 0.2, 1)], fb.Section(rhoI=0.01, **data), elements=3
+        )
+        scene.add_joint(fb.Sleeve(rail, mast.start, spring=fb.Spring(100.0, rest=place)))
     return scene
 
 

@@ -43,12 +43,12 @@ def test_a_thin_free_beam_that_expands_has_no_step_halved(support, height):
     thin = fb.Section.rectangle(height=height, width=0.02, E=210e9, nu=0.3, rho=7850.0)
     for expansion, elements, length in ((1e-5, 1, 1.0), (-1e-3, 7, 10.0), (0.03, 16, 0.37)):
         scene, beam = one_bar((length, 0), thin, elements=2 * elements)
-        at = {"clamp": beam.start, "roller": beam.start, "middle": beam.node(0.5)}[support]
-        scene.fix(at, "x", "y")
+        node = {"clamp": beam.start, "roller": beam.start, "middle": beam.node(0.5)}[support]
+        scene.fix(node, "x", "y")
         if support == "roller":
             scene.fix(beam.end, "y")
         else:
-            scene.fix(at, "rotation")
+            scene.fix(node, "rotation")
         scene.add_natural_strain(beam, axial=expansion)
         grown = fb.static(scene)
         assert grown.stats.steps == 10 and not grown.stats.halvings
@@ -169,8 +169,8 @@ def test_a_linear_system_of_a_muscle_is_the_limit_of_small_motions(rhoI, retarda
     exact = scipy.signal.lsim(system.state_space(), push, t)[1]
     seen = []
     for size in (1e-3, -1e-3):
-        given = {"muscle": lambda t, size=size: size * np.sin(np.pi * t / 0.4) ** 4}
-        motion = fb.simulate(scene, dt=2e-3, t_end=0.4, start=start, inputs=given)
+        inputs = {"muscle": lambda t, size=size: size * np.sin(np.pi * t / 0.4) ** 4}
+        motion = fb.simulate(scene, dt=2e-3, t_end=0.4, start=start, inputs=inputs)
         seen.append(motion.displacement(beam.end)[:, 1])
     assert load in scene.loads
     assert (seen[0] - seen[1]) / 2e-3 == pytest.approx(exact, abs=3e-3 * abs(exact).max())
@@ -198,10 +198,10 @@ def test_a_linear_system_needs_the_rates_of_natural_strains_that_damp():
 def test_a_natural_strain_without_a_rate_at_the_start_has_no_jump_in_any_unit_of_time(strain, unit):
     """The rate is that of its slope: none at the start, but that of a sine."""
     lengths = []
-    for at in (strain, lambda x: np.sin(x) * (strain is np.sin)):
+    for function in (strain, lambda x: np.sin(x) * (strain is np.sin)):
         rod = {"EA": 1e4 * unit**2, "GA": 1e4 * unit**2, "EI": unit**2, "rhoA": 1.0, "rhoI": 1e-3}
         damped = fb.Section(**rod, retardation=1e-2 / unit)
-        scene, _ = bar(damped, curvature=lambda t, at=at: 0.3 * at(20 * t * unit))
+        scene, _ = bar(damped, curvature=lambda t, function=function: 0.3 * function(20 * t * unit))
         system = fb.linearise(scene, fb.Motion(scene, dt=5e-3 / unit))
         lengths.append(np.sort(abs(np.linalg.eigvals(system.A))) / unit)
     if strain is not np.cos:  # which bends the beam

@@ -31,8 +31,8 @@ def clamped_at_both_ends():
 
 def with_a_spring_and_a_damper():
     scene, beam = member()
-    given = {"spring": fb.Spring(3.0), "damper": fb.Damper(2.0)}
-    scene.add_joint(fb.Prismatic(fb.GROUND, beam.start, axis=(1, 0), motor=push, **given))
+    laws = {"spring": fb.Spring(3.0), "damper": fb.Damper(2.0)}
+    scene.add_joint(fb.Prismatic(fb.GROUND, beam.start, axis=(1, 0), motor=push, **laws))
     return scene
 
 

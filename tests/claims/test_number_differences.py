@@ -105,8 +105,8 @@ def test_accelerations_at_the_start_have_slopes(build):
     def outputs(x):
         calls.append(x)
         scene, beam, node, joint = build(x)
-        of = {"acceleration": node, "force": joint, "reaction": beam.start}
-        return scene, {name: fb.Output(name, place) for name, place in of.items()}
+        places = {"acceleration": node, "force": joint, "reaction": beam.start}
+        return scene, {name: fb.Output(name, place) for name, place in places.items()}
 
     run = fb.Response(outputs, dt=0.01, t_end=0.05)
     for _ in range(2):
@@ -115,7 +115,7 @@ def test_accelerations_at_the_start_have_slopes(build):
         gradient = run.vjp({name: np.ones_like(rows) for name, rows in y.items()})
     assert len(calls) == 1 and run.stats.difference_reason == ""
     J = run.jacobian()
-    assert gradient == pytest.approx(sum(of.sum(axis=(0, 1)) for of in J.values()), rel=1e-10)
+    assert gradient == pytest.approx(sum(rows.sum(axis=(0, 1)) for rows in J.values()), rel=1e-10)
     for i, unit in enumerate(np.eye(2)):
         expected = difference(lambda h, u=unit: run(x + h * u)[1]["acceleration"][0], 1e-3)
         assert J["acceleration"][0, :, i] == pytest.approx(expected, rel=1e-7, abs=1e-7)
@@ -239,8 +239,8 @@ def test_parts_without_mass_that_a_damper_holds_keep_their_slopes(caplog):
         scene.add_joint(fb.Revolute(upper.end, lower.start, damper=fb.Damper(0.3 * x[1])))
         scene.set_velocity(upper, lambda X, Y: (-2 * Y, 2 * X), spin=2.0)
         scene.set_velocity(lower, lambda X, Y: (-5 * Y, 5 * X - 3), spin=5.0)
-        of = {"acceleration": upper.end, "rotation": lower.start}
-        return scene, {name: fb.Output(name, node) for name, node in of.items()}
+        places = {"acceleration": upper.end, "rotation": lower.start}
+        return scene, {name: fb.Output(name, node) for name, node in places.items()}
 
     run = fb.Response(build, dt=0.01, t_end=0.05)
     run([1.0, 1.0])
@@ -293,11 +293,11 @@ def test_slopes_are_those_of_functions():
         lambda x: np.interp(3 * t - 1, [0.0, 1.0, 1.0, 1.5], x[[0, 1, 2, 0]] ** 2),
         lambda x: np.interp(t, [0.5], x[:1] ** 2) + np.interp(0.3, [0.5], x[:1]),
     ]
-    for of in functions:
+    for function in functions:
         steps = [(h, h * row) for h in (4e-3, 2e-3, 1e-3) for row in np.eye(3)]
-        ends = [(of(x + e) - of(x - e)) / (2 * h) for h, e in steps]
+        ends = [(function(x + e) - function(x - e)) / (2 * h) for h, e in steps]
         expected = np.tensordot([1 / 45, -20 / 45, 64 / 45], np.reshape(ends, (3, 3, -1)), 1)
-        assert dual_array(of(slopes_by(x))).slopes.T == pytest.approx(expected, abs=2e-12)
+        assert dual_array(function(slopes_by(x))).slopes.T == pytest.approx(expected, abs=2e-12)
 
 
 def _pulse(t, x):
@@ -314,12 +314,12 @@ def test_functions_that_give_other_values_for_arrays_are_called_one_by_one():
 
 
 @pytest.mark.parametrize(
-    "of", [np.nan_to_num, lambda a: (1j * a * -1j).real, lambda a: np.logaddexp(a, 1.0)]
+    "function", [np.nan_to_num, lambda a: (1j * a * -1j).real, lambda a: np.logaddexp(a, 1.0)]
 )
-def test_what_has_no_slopes_has_differences_for_its_numbers_alone(of):
+def test_what_has_no_slopes_has_differences_for_its_numbers_alone(function):
     def build(x):
         scene, body = one_body((0, 0), mass=1.0, inertia=1.0)
-        scene.add_force(body.centre, (of(x[0]), x[1] ** 2))
+        scene.add_force(body.centre, (function(x[0]), x[1] ** 2))
         scene.add_drag(body.centre, linear=x[2])
         return scene, {"speed": fb.Output("velocity", body.centre)}
 
@@ -407,7 +407,7 @@ def test_accelerations_at_the_start_of_a_motion_have_slopes_beside_much_larger_o
 
 
 @pytest.mark.parametrize(
-    "of",
+    "force",
     [
         lambda x: np.diff(x, 2)[0],
         lambda x: np.linalg.norm(x, 1),
@@ -415,22 +415,22 @@ def test_accelerations_at_the_start_of_a_motion_have_slopes_beside_much_larger_o
         lambda x: (x[0] * np.exp(1j * np.float64(1.0))).real,
     ],
 )
-def test_functions_with_other_arguments_give_what_they_give_of_floats(of):
+def test_functions_with_other_arguments_give_what_they_give_of_floats(force):
     def build(x):
         scene, body = one_body((0, 0), mass=1.0, inertia=1.0)
-        scene.add_force(body.centre, (of(x), 0.0))
+        scene.add_force(body.centre, (force(x), 0.0))
         return scene, {"x": fb.Output("position", body.centre, "x")}
 
     run, x = fb.Response(build, dt=0.1, t_end=1.0), np.array([1.1, 0.9, 1.3])
     first = run(x)[1]["x"]
     slopes = run.jacobian()["x"][-1]
     assert np.array_equal(run(x)[1]["x"], first)
-    expected = [(of(x + h) - of(x - h)) / 2e-4 / 2 for h in 1e-4 * np.eye(3)]  # x = f t^2 / 2
+    expected = [(force(x + h) - force(x - h)) / 2e-4 / 2 for h in 1e-4 * np.eye(3)]  # x = f t^2 / 2
     assert slopes == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_loss_of_slopes_that_are_zero_at_first_is_seen_later():
-    """A length by a function that takes floats alone, of a place on a line of symmetry."""
+    """A length by a force that takes floats alone, of a place on a line of symmetry."""
 
     def build(x):
         scene, body = one_body((1, x[0]), mass=1.0, inertia=1.0)

@@ -62,8 +62,8 @@ def test_a_jacobian_may_be_asked_for_after_another_use_of_its_response_has_faile
     misfit([1.0, 4.0])
     duplicate, J = copy.deepcopy(misfit), misfit.jacobian([1.0, 4.0])
     assert_refused("mass", run, [-1.0, 4.0])
-    for of in misfit, duplicate:
-        assert of.jacobian([1.0, 4.0]) == pytest.approx(J, rel=1e-12)
+    for response in misfit, duplicate:
+        assert response.jacobian([1.0, 4.0]) == pytest.approx(J, rel=1e-12)
 
 
 def test_steps_of_a_tolerance_that_end_at_measured_times_have_derivatives():

@@ -19,18 +19,18 @@ def pendulum(length=1.0):
 
 def elsewhere(call):
     """What a call gives, or raises, in another thread."""
-    given = []
+    warnings = []
 
     def target():
         try:
-            given.append(call())
+            warnings.append(call())
         except RuntimeError as error:
-            given.append(error)
+            warnings.append(error)
 
     thread = threading.Thread(target=target)
     thread.start()
     thread.join()
-    return given[0]
+    return warnings[0]
 
 
 def test_a_motion_refuses_a_second_thread_while_it_steps_and_stays_right():

@@ -292,10 +292,12 @@ def _held_by(work):
 )
 def test_forces_of_increments_and_starts_know_no_motion_in_load_steps(of_step, of_level):
     # As the steps of the load get shorter, both are the same force.
-    given, wanted = _held_by(of_step), _held_by(of_level)
-    for values, exact in zip([*given[0], *given[1]], [*wanted[0], *wanted[1]], strict=True):
+    step_forces, wanted = _held_by(of_step), _held_by(of_level)
+    for values, exact in zip(
+        [*step_forces[0], *step_forces[1]], [*wanted[0], *wanted[1]], strict=True
+    ):
         assert values == pytest.approx(exact, rel=1e-8, abs=1e-10)
-    assert given[0][0] == pytest.approx(given[0][1], abs=1e-10)
+    assert step_forces[0][0] == pytest.approx(step_forces[0][1], abs=1e-10)
 
 
 @pytest.mark.parametrize("moves", [False, True])

@@ -106,11 +106,11 @@ def ended(scene):
 @pytest.mark.parametrize("part", ["spring", "damper"])
 def test_laws_of_joints_may_divide_by_a_parameter(part):
     def rolled(scale):
-        given = {
+        changes = {
             "spring": fb.Spring(strain_energy=lambda x: 10 * (x / scale) ** 2),
             "damper": fb.Damper(law=lambda rate: 3 * ufl.tanh(rate / scale)),
         }
-        law = {part: given[part]}
+        law = {part: changes[part]}
         scene, block, _ = guided_body((0, 0), 1.0, 0.1, **law)
         scene.set_velocity(block, (1.0, 0.0))
         return moved(scene)
@@ -228,15 +228,15 @@ def test_an_input_sets_a_parameter():
         return scene, arm
 
     scene, arm = build()
-    given = fb.simulate(scene, dt=0.01, t_end=0.2, inputs={"opening": lambda t: 5 * t})
+    as_input = fb.simulate(scene, dt=0.01, t_end=0.2, inputs={"opening": lambda t: 5 * t})
     motion = fb.Motion(scene, dt=0.01, record=fb.Record())
     for n in range(1, 21):
         motion.step({"opening": 0.05 * n})
     stepped = motion.solution()
-    assert stepped.q == pytest.approx(given.q, abs=1e-11)
+    assert stepped.q == pytest.approx(as_input.q, abs=1e-11)
     assert abs(stepped.energy.balance_error).max() < 1e-12
     assert stepped.parameter("valve") == pytest.approx(5 * stepped.t, abs=1e-12)
-    assert stepped.resultants(arm).M == pytest.approx(given.resultants(arm).M, abs=1e-9)
+    assert stepped.resultants(arm).M == pytest.approx(as_input.resultants(arm).M, abs=1e-9)
 
 
 def test_a_force_between_points_is_a_number_or_an_input():

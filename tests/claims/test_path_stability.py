@@ -56,10 +56,10 @@ def test_the_same_modes_grow_as_in_free_vibrations_of_a_row(hinge):
     for row in (len(path.t) // 3, len(path.t) - 1):
         load = path.load_factor[row]
         options = {"load_steps": 8, "continuation": "arc-length", "max_steps": row}
-        at = fb.static(scene, **options) if row else path
-        assert at.load_factor[-1] == load
-        growing = int((fb.modes(scene, at, n=6).angular_frequencies < 0).sum())
-        assert path.unstable_modes[row] == growing == at.unstable_modes[-1]
+        state = fb.static(scene, **options) if row else path
+        assert state.load_factor[-1] == load
+        growing = int((fb.modes(scene, state, n=6).angular_frequencies < 0).sum())
+        assert path.unstable_modes[row] == growing == state.unstable_modes[-1]
 
 
 def test_a_closed_loop_of_joints_counts_as_its_modes():

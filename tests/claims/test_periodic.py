@@ -43,8 +43,8 @@ def test_a_motion_within_the_elastic_range_keeps_the_plastic_strain_of_its_start
     spring = fb.Spring(
         strain_energy=energy, internal=fb.InternalVariables(("plastic slide",), flow)
     )
-    on = {"spring": spring, "damper": fb.Damper(0.2)}
-    scene, body, guide = guided_body((0, 0), 1.0, 1.0, **on)
+    laws = {"spring": spring, "damper": fb.Damper(0.2)}
+    scene, body, guide = guided_body((0, 0), 1.0, 1.0, **laws)
     load = scene.add_force(body, (push, 0.0))
     pushed = fb.static(scene, load_steps=6)
     load = scene.change(load, (0.0, 0.0))
@@ -96,9 +96,9 @@ def repeats(scene, motion, scheme=None):
     dt = motion.period / (len(first.t) - 1)
     t_end = float(first.t[-1]) + 2 * motion.period
     later = fb.simulate(scene, scheme, dt=dt, t_end=t_end, start=first)
-    at = 2 * (len(first.t) - 1)
+    row = 2 * (len(first.t) - 1)
     x = first.q[..., :2] + first.X
-    return abs(later.q[at, :, :2] + later.X - x[-1]).max() / np.ptp(x, axis=0).max()
+    return abs(later.q[row, :, :2] + later.X - x[-1]).max() / np.ptp(x, axis=0).max()
 
 
 # -- Free motions ------------------------------------------------------------------------------
@@ -352,8 +352,8 @@ def test_a_quick_return_mechanism_whose_pin_slides_on_a_beam_repeats_itself():
     assert abs(energy.balance_error).max() < 1e-9 * energy.dissipated[-1]
     assert cycle.solution.stats.steps == 101
     power = cycle.solution.joint(motor).motor_power[1:]
-    given = np.sum(power * np.diff(cycle.solution.t))
-    assert given == pytest.approx(energy.dissipated[-1], rel=1e-3)
+    work = np.sum(power * np.diff(cycle.solution.t))
+    assert work == pytest.approx(energy.dissipated[-1], rel=1e-3)
 
 
 # -- At rest -----------------------------------------------------------------------------------
@@ -428,8 +428,8 @@ def test_a_scene_that_build_changes_in_more_than_numbers_is_refused():
 
 def cycle_of_van_der_pol(sense, c, unit, damped):
     """That of x'' + s c x' (1 - 4 x^2) + x = 0, by a pull with or without a damper."""
-    on = {"spring": fb.Spring(unit), "damper": fb.Damper(c * unit) if damped else None}
-    scene, body, _ = guided_body((0, 0), unit, unit, **on)
+    laws = {"spring": fb.Spring(unit), "damper": fb.Damper(c * unit) if damped else None}
+    scene, body, _ = guided_body((0, 0), unit, unit, **laws)
 
     def pull(distance, rate, t):
         return c * unit * (sense - damped - 4 * sense * (distance - 3) ** 2) * rate

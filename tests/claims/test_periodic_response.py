@@ -140,8 +140,8 @@ def test_folds_have_the_frequency_and_the_derivatives_of_another_integrator(numb
         run = fb.PeriodicResponse(lambda x, f: duffing(x, f), fold)
         values.append(float(run(x)[1]["period"]))
         slopes.append(run.jacobian("period")["period"])
-    of = run.motion.solution
-    start = of.q[0, 0, 0], of.v[0, 0, 0], 2 * np.pi / values[1]
+    solution = run.motion.solution
+    start = solution.q[0, 0, 0], solution.v[0, 0, 0], 2 * np.pi / values[1]
     errors = np.array(values) * exact_fold(x, start) / (2 * np.pi) - 1
     assert np.log(errors[0] / errors[1]) / np.log(101 / 51) == pytest.approx(2, abs=0.2)
     by_x = differences(lambda x: 2 * np.pi / exact_fold(x, start), x, 1e-3)
@@ -185,14 +185,14 @@ def test_a_free_motion_about_an_equilibrium_has_exact_derivatives(chosen):
 @pytest.mark.parametrize("chosen", ["energy", "amplitude"])
 def test_the_period_of_a_pendulum_has_the_derivative_of_its_closed_form_by_its_length(chosen):
     """Its centre, which has the energy and the amplitude, is a distance away from its hinge."""
-    m, g, inertia, given = 2.0, 9.81, 0.1, {"energy": 6.0, "amplitude": 0.4}[chosen]
+    m, g, inertia, size = 2.0, 9.81, 0.1, {"energy": 6.0, "amplitude": 0.4}[chosen]
 
     def exact(x):
         (d,) = x
         if chosen == "energy":
-            square = given / (2 * m * g * d)
+            square = size / (2 * m * g * d)
         else:
-            square = (1 - np.sqrt(1 - (given / d) ** 2)) / 2
+            square = (1 - np.sqrt(1 - (size / d) ** 2)) / 2
         return 4 * np.sqrt((inertia + m * d**2) / (m * g * d)) * ellipk(square)
 
     def build(x):
@@ -202,7 +202,7 @@ def test_the_period_of_a_pendulum_has_the_derivative_of_its_closed_form_by_its_l
         return scene, {"period": fb.Output("period", scene)}
 
     def motion(scene):
-        options = {chosen: given, "scheme": fb.EnergyMomentum(order=4)}
+        options = {chosen: size, "scheme": fb.EnergyMomentum(order=4)}
         return free(state=fb.static(scene), **options)(scene)
 
     run, x = fb.PeriodicResponse(build, motion), np.array([0.7])
@@ -266,8 +266,8 @@ def test_what_a_scheme_remembers_of_the_step_before_is_followed():
         return scene, outputs | {name: fb.Output(name, scene) for name in sums}
 
     def motion(scene):
-        of = {"period": 2.5, "steps": 21, "scheme": fb.EnergyDecaying(damping), "tolerance": 1e-12}
-        return fb.periodic(scene, **of)
+        scheme = fb.EnergyDecaying(damping)
+        return fb.periodic(scene, scheme=scheme, period=2.5, steps=21, tolerance=1e-12)
 
     # With shorter differences the rounding errors of normal forces are as large as the tolerance.
     check(fb.PeriodicResponse(build, motion), [1.0, 1.0, 1.0, 0.3, 0.1], 1e-7, part=1e-3)

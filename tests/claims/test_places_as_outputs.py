@@ -115,8 +115,8 @@ def test_a_linear_system_sees_the_share_of_each_node():
     start, end = beam.nodes[1:3]
     place = beam.at(0.75 * float(beam.s[1]) + 0.25 * float(beam.s[2]))
     outputs = {
-        name: fb.Output("displacement", of, "y")
-        for name, of in {"place": place, "start": start, "end": end}.items()
+        name: fb.Output("displacement", node, "y")
+        for name, node in {"place": place, "start": start, "end": end}.items()
     }
     rows = dict(zip(outputs, fb.linearise(scene, outputs=outputs).C, strict=True))
     shared = 0.75 * rows["start"] + 0.25 * rows["end"]

@@ -17,11 +17,11 @@ def taut(a, b, centre, radius, left):
     """
     turn = 1 if left else -1
     to_a, to_b = complex(*a) - complex(*centre), complex(*b) - complex(*centre)
-    lean_a, lean_b = (np.arccos(radius / abs(to)) for to in (to_a, to_b))
+    lean_a, lean_b = (np.arccos(radius / abs(arm)) for arm in (to_a, to_b))
     touch_a = to_a / abs(to_a) * np.exp(1j * turn * lean_a)
     touch_b = to_b / abs(to_b) * np.exp(-1j * turn * lean_b)
     arc = turn * np.angle(touch_b / touch_a) % (2 * np.pi)
-    free = sum(np.sqrt(abs(to) ** 2 - radius**2) for to in (to_a, to_b))
+    free = sum(np.sqrt(abs(arm) ** 2 - radius**2) for arm in (to_a, to_b))
     return free + radius * arc, arc
 
 
@@ -29,7 +29,7 @@ def atwood(spring, inertia=None):
     """Two loads over a pulley that turns freely, or with an inertia under two ropes."""
     scene = fb.Scene(gravity=(0, -G))
     sides = zip((-0.2, 0.2), (1.0, 1.5), strict=True)
-    loads = [scene.add_body((x, -1), mass=of).centre for x, of in sides]
+    loads = [scene.add_body((x, -1), mass=mass).centre for x, mass in sides]
     for load in loads:
         scene.fix(load, "x", "rotation")
     if inertia is None:
@@ -135,8 +135,8 @@ def test_a_string_that_winds_up_on_a_post_moves_as_lagrange_says_to_second_order
             a, w = y
             return w, -(R * w * w + G * np.sin(a)) / (L + R * a)
 
-        given = {"t_eval": motion.t, "rtol": 1e-11, "atol": 1e-12}
-        a = solve_ivp(rates, (0, motion.t[-1]), (0, -3.0 / L), **given).y[0]
+        options = {"t_eval": motion.t, "rtol": 1e-11, "atol": 1e-12}
+        a = solve_ivp(rates, (0, motion.t[-1]), (0, -3.0 / L), **options).y[0]
         c, s, free = np.cos(a), np.sin(a), L + R * a
         exact = np.stack([R * c + free * s, R * s - free * c], axis=1)
         errors.append(abs(motion.position(ball) - exact).max())
@@ -224,8 +224,8 @@ def test_the_length_and_its_rate_are_outputs_over_pulleys_and_drums():
     """The rate is the slope of the length, of second order; in a `Motion` as in a solution."""
     scene = fb.Scene(gravity=(0, -9.81))
     drum, wheel, load = (
-        scene.add_body(at, mass=1.0, inertia=0.05).centre
-        for at in [(0, 0.1), (1.0, 0.3), (2.2, -0.8)]
+        scene.add_body(place, mass=1.0, inertia=0.05).centre
+        for place in [(0, 0.1), (1.0, 0.3), (2.2, -0.8)]
     )
     scene.fix(load, "rotation")
     scene.pin(drum)

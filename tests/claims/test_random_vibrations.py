@@ -33,23 +33,23 @@ def scene_of(x, seed):
     """A mast on a rail, with forces of several kinds on both."""
     rng = np.random.default_rng(seed)
     joint = rng.choice(["hinge", "slot", "slider", "sleeve"])
-    at, degree, elements = 1.0 if joint in ("hinge", "slot") else 0.61, *rng.integers(1, [4, 3])
+    place, degree, elements = 1.0 if joint in ("hinge", "slot") else 0.61, *rng.integers(1, [4, 3])
     # Two degrees only: most of these tests is the compilation of their forms.
     size = {"degree": 1 + int(degree) % 2, "elements": int(2 + 2 * elements)}
     scene, rail = clamped_bar((1, 0), section_of(x, rng), **size, gravity=(0, -9.81 * x[2]))
-    mast = scene.add_beam([(at, 0), (at + 0.2, 1)], section_of(x, rng), **size)
-    on = {"spring": fb.Spring(100.0 * x[0], rest=at if at < 1 else 0.1 * x[1])}
+    mast = scene.add_beam([(place, 0), (place + 0.2, 1)], section_of(x, rng), **size)
+    laws = {"spring": fb.Spring(100.0 * x[0], rest=place if place < 1 else 0.1 * x[1])}
     if rng.random() < 0.5:
-        on["damper"] = fb.Damper(0.3 * x[2])
+        laws["damper"] = fb.Damper(0.3 * x[2])
     if joint == "hinge":
-        scene.add_joint(fb.Revolute(rail.end, mast.start, **on))
+        scene.add_joint(fb.Revolute(rail.end, mast.start, **laws))
     elif joint == "slot":
         hinge = fb.Coordinate(spring=fb.Spring(20.0), friction=fb.SmoothFriction(0.5, 0.2 * x[1]))
-        scene.add_joint(fb.PinInSlot(rail.end, mast.start, axis=(1, 0.3), hinge=hinge, **on))
+        scene.add_joint(fb.PinInSlot(rail.end, mast.start, axis=(1, 0.3), hinge=hinge, **laws))
     else:
-        scene.add_joint((fb.Slider if joint == "slider" else fb.Sleeve)(rail, mast.start, **on))
+        scene.add_joint((fb.Slider if joint == "slider" else fb.Sleeve)(rail, mast.start, **laws))
         for side in (-1, 1):
-            scene.add_force_between(mast.end, (at + side, 2.0), spring=fb.Spring(50.0))
+            scene.add_force_between(mast.end, (place + side, 2.0), spring=fb.Spring(50.0))
     p, q = (fb.Parameter(f"force {k}", x[k]) for k in range(2))
 
     def pull(distance, rate, t):

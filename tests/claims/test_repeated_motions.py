@@ -112,7 +112,9 @@ def test_a_velocity_that_is_not_finite_somewhere_is_named():
 def test_outputs_stay_what_they_are_in_the_next_motions():
     def build(x):
         scene, beam = bar(x, (0.0, 1.0))
-        outputs = {f"{name}, {on}": fb.Output(name, beam.end, on) for name in parts for on in "xy"}
+        outputs = {
+            f"{name}, {axis}": fb.Output(name, beam.end, axis) for name in parts for axis in "xy"
+        }
         return scene, outputs | {name: fb.Output(name, beam.end) for name in QUANTITIES}
 
     parts = "position", "displacement", "velocity"

@@ -50,7 +50,7 @@ def put(value, *before, last):
 
 
 def enlarged(old, factor):
-    return (lambda *at: np.multiply(old(*at), factor)) if callable(old) else factor * old
+    return (lambda *place: np.multiply(old(*place), factor)) if callable(old) else factor * old
 
 
 def multiplied(scene, factors):
@@ -276,7 +276,7 @@ def test_the_step_before_the_first_one_counts_in_derivatives(start):
         scene, beam = clamped_bar((1, 0.1), section, elements=3, gravity=(0.0, -9.81 * x[0]))
         names = ("position", beam.end), ("velocity", beam.end), ("M", beam)
         names += ("strain_energy", scene), ("dissipated_energy", scene)
-        return scene, {name: fb.Output(name, of) for name, of in names}
+        return scene, {name: fb.Output(name, place) for name, place in names}
 
     dt = {"dt": 0.01, "t_end": 0.05 if start is fb.static else 0.15}
     run = fb.Response(build, fb.EnergyDecaying(), start=start, newton=EXACT, **dt)

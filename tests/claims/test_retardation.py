@@ -94,8 +94,8 @@ def test_the_balance_closes_and_every_step_loses(degree, section, dt):
     L = solution.angular_momentum
     assert abs(L - L[0]).max() < 1e-11 * abs(L[0])
     # A third quantity: the reaction gives the change of the momentum.
-    given = np.diff(solution.linear_momentum, axis=0) / dt
-    assert abs(solution.reaction(beam.start)[1:, :2] - given).max() < 1e-8 * abs(given).max()
+    forces = np.diff(solution.linear_momentum, axis=0) / dt
+    assert abs(solution.reaction(beam.start)[1:, :2] - forces).max() < 1e-8 * abs(forces).max()
 
 
 def test_the_newmark_family_loses_by_the_material():

@@ -61,7 +61,7 @@ def test_a_pulley_block_divides_the_weight_by_its_parts(parts):
 
 def test_two_weights_over_a_pulley_fall_as_atwoods_machine():
     scene, (m, M) = fb.Scene(gravity=(0, -G)), (1.0, 1.5)
-    one, other = (scene.add_body((x, -1), mass=of).centre for x, of in ((-0.2, m), (0.2, M)))
+    one, other = (scene.add_body((x, -1), mass=mass).centre for x, mass in ((-0.2, m), (0.2, M)))
     for node in (one, other):
         scene.fix(node, "x", "rotation")
     points = [one, (-0.2, 0.0), (0.2, 0.0), other]
@@ -86,7 +86,7 @@ def test_a_winch_does_the_work_of_the_lifted_weight():
     energy = lift.energy
     assert abs(energy.balance_error).max() < 1e-11 * abs(energy.work).max()
     # After the lift it hangs again, but for a vibration that a soft start leaves small.
-    raised = [-settled(length=of)[0] for of in (4.0, 3.5)]
+    raised = [-settled(length=length)[0] for length in (4.0, 3.5)]
     assert lift.position(load)[[0, -1], 1] == pytest.approx(raised, abs=2e-4)
     assert energy.work[-1] - energy.work[0] == pytest.approx(
         20.0 * G * (raised[1] - raised[0]), rel=1e-3
@@ -182,7 +182,7 @@ def test_what_is_no_rope_is_refused():
     ball = scene.add_body((1, 0), mass=1.0).centre
     other = fb.Scene().add_body((1, 0), mass=1.0).centre
     spring = fb.Spring(10.0)
-    for words, points, given in (
+    for words, points, change in (
         ("two or more nodes", [ball], {}),
         ("two or more nodes", ball, {}),
         ("a node among them", [(0, 0), (1, 1)], {}),
@@ -194,7 +194,7 @@ def test_what_is_no_rope_is_refused():
         ("give a spring", [(0, 0), ball], {"spring": None}),
     ):
         with pytest.raises(fb.SceneError, match=words):
-            scene.add_rope(points, **({"spring": spring} | given))
+            scene.add_rope(points, **({"spring": spring} | change))
     assert not scene.forces_between and not list(scene.parameters)
     rope = scene.add_rope([(0, 0), ball, (3, 1)], spring=spring)
     scene.fix(ball, "rotation")
@@ -209,12 +209,12 @@ def test_what_is_no_rope_is_refused():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda of: fb.Spring(2e4, rest=of), "Parameter in a strain_energy.*add_rope"),
-        (lambda of: fb.Spring(of), "Parameter in a strain_energy"),
-        (lambda of: fb.Stop(None, of, 1e3), "Parameter in a strain_energy"),
-        (lambda of: fb.Damper(of), "Parameter in the law of a damper"),
+        (lambda number: fb.Spring(2e4, rest=number), "Parameter in a strain_energy.*add_rope"),
+        (lambda number: fb.Spring(number), "Parameter in a strain_energy"),
+        (lambda number: fb.Stop(None, number, 1e3), "Parameter in a strain_energy"),
+        (lambda number: fb.Damper(number), "Parameter in the law of a damper"),
     ],
 )
 def test_numbers_that_may_not_change_in_time_name_the_way_out(make, words):
-    for of in (lambda t: 3.0 - t, fb.Parameter("L", lambda t: 3.0 - t), fb.Input("L")):
-        assert_refused(words, make, of)
+    for number in (lambda t: 3.0 - t, fb.Parameter("L", lambda t: 3.0 - t), fb.Input("L")):
+        assert_refused(words, make, number)

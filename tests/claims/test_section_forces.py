@@ -130,7 +130,7 @@ def test_section_forces_of_rows_do_not_depend_on_which_are_recorded(every):
     _, _, solution = moved(fb.GeneralizedAlpha(0.6), fb.Record(every=every))
     _, _, whole = moved(fb.GeneralizedAlpha(0.6))
     rows = np.searchsorted(whole.t, solution.t - 1e-9)
-    found, known = (of.resultants("leg").at([0.1, 0.5]).M for of in (solution, whole))
+    found, known = (motion.resultants("leg").at([0.1, 0.5]).M for motion in (solution, whole))
     assert found[1:] == pytest.approx(known[rows][1:], abs=1e-7 * abs(known).max())
 
 
@@ -157,7 +157,7 @@ def test_files_copies_and_joined_motions_have_section_forces(tmp_path):
             np.testing.assert_array_equal(one, other)
     more = fb.simulate(scene, dt=0.01, t_end=0.4, start=solution)
     whole = solution.then(more).resultants("leg").at(0.4).M
-    parts = [of.resultants("leg").at(0.4).M for of in (solution, more)]
+    parts = [motion.resultants("leg").at(0.4).M for motion in (solution, more)]
     np.testing.assert_array_equal(whole, np.concatenate([parts[0], parts[1][1:]]))
 
 

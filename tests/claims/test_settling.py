@@ -92,7 +92,9 @@ def test_an_arm_hangs_with_a_force_of_ones_own_as_with_a_load(wind, how):
     if wind:
         scene.add_virtual_work(lambda step: wind * step.load_factor * step.virtual_u[0])
         loaded.add_line_load(other, (wind, 0.0))
-    found, exact = (fb.static(of, load_steps=5, continuation=how) for of in (scene, loaded))
+    found, exact = (
+        fb.static(variant, load_steps=5, continuation=how) for variant in (scene, loaded)
+    )
     assert found.load_factor[[0, -1]].tolist() == exact.load_factor[[0, -1]].tolist() == [0.2, 1]
     assert found.position(arm.end)[-1] == pytest.approx(exact.position(other.end)[-1], abs=1e-9)
 

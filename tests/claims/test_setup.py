@@ -152,7 +152,7 @@ def row_of(count, kind, made):
 def test_functions_that_give_the_same_are_written_once(kind, monkeypatch):
     """As those that a loop makes, one for each spring."""
     signed, signature = [], ffcx_api.signature
-    monkeypatch.setattr(ffcx_api, "signature", lambda of: signed.append(of) or signature(of))
+    monkeypatch.setattr(ffcx_api, "signature", lambda form: signed.append(form) or signature(form))
     counts, motions = [], []
     same = LAWS[kind]()
     for made, count in ((LAWS[kind], 2), (LAWS[kind], 7), (lambda: same, 7)):
@@ -181,7 +181,7 @@ def test_laws_with_other_parameters_have_the_same_code(monkeypatch):
 
     signed, signature = [], ffcx_api.signature
     monkeypatch.setattr(
-        ffcx_api, "signature", lambda of: signed.append(signature(of)) or signed[-1]
+        ffcx_api, "signature", lambda form: signed.append(signature(form)) or signed[-1]
     )
     solution = fb.simulate(row_of(3, "spring", made), dt=1e-3, t_end=0.02)
     assert len({*signed}) == 1

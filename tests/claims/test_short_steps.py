@@ -33,7 +33,7 @@ def loop(scene):
 def tree(scene):
     """A chain of bodies that is long enough for auxiliary unknowns."""
     points = [{"start": (i, 0), "end": (i + 1, 0)} for i in range(30)]
-    links = [scene.add_body((i + 0.6, 0.2), 1.0, 0.3, points=at) for i, at in enumerate(points)]
+    links = [scene.add_body((i + 0.6, 0.2), 1.0, 0.3, points=ends) for i, ends in enumerate(points)]
     joints = [fb.Revolute(a["end"], b["start"]) for a, b in zip(links, links[1:], strict=False)]
     scene.pin(links[0]["start"])
     return links[-1].centre, [scene.add_joint(joint) for joint in joints][0]

@@ -22,8 +22,10 @@ SHAPES = {"straight": [(0, 0), (6, 0)], "curved": fb.arc((0, 0), (3, 0.8), (6, 0
 
 def bead_on(scene, beam, node, make=fb.Slider, mass=0.8, section=SOFT, **options):
     """A short beam with a lumped mass, which slides on a beam from one of its nodes on."""
-    at = np.array([node.x, node.y])
-    bead = scene.add_beam([at, at + (0, 0.3)], section, degree=beam.degree, name="bead", elements=1)
+    place = np.array([node.x, node.y])
+    bead = scene.add_beam(
+        [place, place + (0, 0.3)], section, degree=beam.degree, name="bead", elements=1
+    )
     scene.add_mass(bead.start, mass, inertia=0.05)
     return bead.start, scene.add_joint(make(beam, bead.start, **options))
 
@@ -263,7 +265,7 @@ def shears(x):
     rigid = fb.Section(EA=1e9, GA=1e9, EI=1e9)
     scene, rod = clamped_bar((2, 0), rigid, elements=8)
     scene.clamp(rod.end)
-    feet = [scene.add_body((at, 0.0), 1.0, points={"hinge": (1.0, 0.8)}) for at in (0.4, 1.6)]
+    feet = [scene.add_body((place, 0.0), 1.0, points={"hinge": (1.0, 0.8)}) for place in (0.4, 1.6)]
     scene.add_joint(fb.Revolute(*(foot["hinge"] for foot in feet)))
     for foot, rest in zip(feet, (0.4, 1.6), strict=True):
         joint = scene.add_joint(fb.Slider(rod, foot.centre, spring=fb.Spring(x[1], rest=rest)))
@@ -426,10 +428,10 @@ def test_a_driven_guide_carries_the_rod_and_its_work_is_in_the_balance(make):
     joint = scene.add_joint(make(rod, guide))
     solution = fb.simulate(scene, dt=0.01, t_end=0.4)
     assert abs(solution.energy.balance_error).max() < 1e-11
-    at = [[f(t) for f in motion] for t in solution.t]
-    assert solution.displacement(joint.b) == pytest.approx(np.array(at)[:, :2], abs=1e-13)
+    driven = [[f(t) for f in motion] for t in solution.t]
+    assert solution.displacement(joint.b) == pytest.approx(np.array(driven)[:, :2], abs=1e-13)
     if make is fb.Sleeve:
-        assert solution.rotation(joint.b) == pytest.approx(np.array(at)[:, 2], abs=1e-13)
+        assert solution.rotation(joint.b) == pytest.approx(np.array(driven)[:, 2], abs=1e-13)
 
 
 def test_a_guide_that_rolls_or_turns_on_a_pin_is_held_where_it_cannot_move():

@@ -56,7 +56,7 @@ def derivatives(make, dt, friction, scheme=None, near=NEAR, **options):
         J = run.jacobian()
         slopes = np.array([J["place"][-1, 0], J["rate"][-1, 0]])
         errors.append(slopes / pushed_back(mu) - 1)
-    weights = {name: np.eye(len(of))[-1] for name, of in J.items()}
+    weights = {name: np.eye(len(rows))[-1] for name, rows in J.items()}
     by_vjp = [run.vjp({name: weights[name]})[0] for name in J]
     assert by_vjp == pytest.approx(slopes, rel=1e-9)
     return abs(np.array(errors)).max(axis=0)

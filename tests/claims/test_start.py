@@ -37,7 +37,7 @@ def test_row_0_has_the_forces_of_the_last_step_also_if_none_were_recorded(kind, 
         before = fb.simulate(scene, dt=1 / 128, t_end=0.25, record=record)
         rest = fb.simulate(scene, dt=1 / 128, t_end=0.28, start=before)
         rows.append([rest.joint_forces[0], rest.reactions[0], rest.contact_forces[0], rest.a[0]])
-        assert all(of.any() for of in rows[-1])
+        assert all(force.any() for force in rows[-1])
     for full, left_out in zip(*rows, strict=True):
         # Those of a record change with rates that fit joints with an offset.
         assert abs(left_out - full).max() < (0.02 if "offset" in kind else 1e-12) * abs(full).max()

@@ -59,12 +59,12 @@ def test_turn_of_a_beam_that_has_yielded_depends_on_its_moment_and_limit_as_exac
     moment, limit = 2 * YIELD, YIELD
     run = fb.StaticResponse(bent_beyond_its_limit, load_steps=4)
     factors, y = run([moment, HARDENING, limit])
-    over = factors * moment - limit > 1e-9
-    assert over.any() and not over.all()
-    flown = np.where(over, (factors * moment - limit) / HARDENING, 0.0)
+    flows = factors * moment - limit > 1e-9
+    assert flows.any() and not flows.all()
+    flown = np.where(flows, (factors * moment - limit) / HARDENING, 0.0)
     assert y["turn"] == pytest.approx(factors * moment / EI + flown, abs=1e-9)
-    by_moment = factors / EI + np.where(over, factors / HARDENING, 0.0)
-    by_limit = np.where(over, -1 / HARDENING, 0.0)
+    by_moment = factors / EI + np.where(flows, factors / HARDENING, 0.0)
+    by_limit = np.where(flows, -1 / HARDENING, 0.0)
     exact = np.column_stack([by_moment, -flown / HARDENING, by_limit])
     beside = abs(factors * moment - limit) > 1e-6  # at the limit itself there is a kink
     assert run.jacobian()["turn"][beside] == pytest.approx(exact[beside], abs=1e-8)
@@ -125,9 +125,9 @@ def test_work_of_a_moment_that_bends_a_cantilever():
 
 def block(x):
     """A block on rails, which its load F pushes against a spring and the friction mu N."""
-    of = {"axis": (1, 0), "spring": fb.Spring(200.0), "friction": fb.Coulomb(x[2], 1e4)}
+    laws = {"axis": (1, 0), "spring": fb.Spring(200.0), "friction": fb.Coulomb(x[2], 1e4)}
     scene, block = held_body((0, 0), 1.0, 0.1)
-    joint = scene.add_joint(fb.Prismatic(fb.GROUND, block, **of))
+    joint = scene.add_joint(fb.Prismatic(fb.GROUND, block, **laws))
     scene.add_force(block, (x[0], -x[1]))
     return scene, {"d": fb.Output("slide", joint), "force": fb.Output("force", joint)}
 
@@ -137,11 +137,11 @@ def test_a_driven_crank_moves_a_slider_by_no_weight():
     pin, end = np.array([0.3, 0.4]), np.array([1.3, 0.0])
 
     def build(x):
-        scene, at, before = fb.Scene(gravity=(0, -9.81)), np.zeros(2), fb.GROUND
-        for to, motor in ((pin, lambda t: 2 * t**2), (end, None)):
-            rod = scene.add_body((at + to) / 2, x[0], 0.05, points={"a": at, "b": to})
+        scene, place, before = fb.Scene(gravity=(0, -9.81)), np.zeros(2), fb.GROUND
+        for tip, motor in ((pin, lambda t: 2 * t**2), (end, None)):
+            rod = scene.add_body((place + tip) / 2, x[0], 0.05, points={"a": place, "b": tip})
             scene.add_joint(fb.Revolute(before, rod["a"], motor=motor))
-            at, before = to, rod["b"]
+            place, before = tip, rod["b"]
         slider = scene.add_body(end, 1.0, 0.05).centre
         scene.add_joint(fb.Revolute(before, slider))
         scene.add_joint(fb.Prismatic(fb.GROUND, slider, (1, 0)))
@@ -218,13 +218,13 @@ def yielding(x):
 
 
 def slide(x):
-    make, offset, given = KINDS["prismatic with offset"]
+    make, offset, data = KINDS["prismatic with offset"]
     scene, first = cantilever(gravity=(0, -9.81), points=[(-1, 0), (0, 0)], elements=2)
-    start = np.array(offset) + (x[0] - 1) * np.array(given["axis"])
+    start = np.array(offset) + (x[0] - 1) * np.array(data["axis"])
     section = fb.Section(**DATA | {"EI": 110 * x[1]})
     second = scene.add_beam([start, start + (0.8, -0.6)], section, elements=2)
     spring = fb.Spring(200 * x[2], rest=0.05)
-    scene.add_joint(make(first.end, second.start, **given, spring=spring))
+    scene.add_joint(make(first.end, second.start, **data, spring=spring))
     scene.add_force(second.end, (x[0], 2.0))
     return scene
 
@@ -247,8 +247,8 @@ def lever(x):
     scene = fb.Scene(gravity=(0, -9.81))
     arm = scene.add_beam([(0, 0), (1, 0.1)], fb.Section(**DATA | {"EI": 60 * x[0]}), elements=3)
     friction = fb.Coulomb(0.4 * x[1], 500.0, radius=0.1)
-    of = {"spring": fb.Spring(150.0 * x[2]), "friction": friction}
-    scene.add_joint(fb.Revolute(fb.GROUND, arm.start, **of))
+    laws = {"spring": fb.Spring(150.0 * x[2]), "friction": friction}
+    scene.add_joint(fb.Revolute(fb.GROUND, arm.start, **laws))
     scene.add_force(arm.end, (3.0 * x[0], -20.0 * x[1]))
     return scene
 
@@ -334,7 +334,9 @@ def with_outputs(build, *without):
         scene = build(x)
         outputs = outputs_of(scene, [*SCENES.get(build, ()), *without])
         rests = () if build is released else AT_REST
-        return scene, {name: of for name, of in outputs.items() if of.quantity not in rests}
+        return scene, {
+            name: output for name, output in outputs.items() if output.quantity not in rests
+        }
 
     return observed
 

@@ -112,14 +112,14 @@ def test_breaks_are_met_and_other_jumps_are_found_by_rejected_steps():
     scene, beam = pendulum()
     scene.add_force(beam.end, lambda t: (40.0 * (t > 0.5), 0.0))
     options = {"t_end": 1.0, "tolerance": 1e-4}
-    given = fb.simulate(scene, breaks=[0.5, 0.0, 9.0], **options)
+    with_breaks = fb.simulate(scene, breaks=[0.5, 0.0, 9.0], **options)
     found = fb.simulate(scene, **options)
-    assert 0.5 in given.t and 0.5 not in found.t
+    assert 0.5 in with_breaks.t and 0.5 not in found.t
     at_jump = np.searchsorted(found.t, 0.5) - 1
     assert np.diff(found.t)[at_jump] < 0.5 * np.diff(found.t)[at_jump - 20]
     exact = reference(scene, 1.0, 1000)  # its steps meet the jump
-    assert error(given, exact) < 5e-4
-    for solution in (found, given):
+    assert error(with_breaks, exact) < 5e-4
+    for solution in (found, with_breaks):
         energy = solution.energy
         assert abs(energy.balance_error).max() < 1e-11 * abs(energy.total).max()
 
@@ -236,9 +236,11 @@ def test_a_flywheel_with_play_keeps_the_tolerance_in_radians(order):
     for tolerance in (1e-3, 1e-4):
         solution = fb.simulate(scene, fb.EnergyMomentum(order), t_end=0.5, tolerance=tolerance)
         phase = (solution.t - free / 2) % (2 * (free + half))
-        within = phase % (free + half)
-        inside = play + w0 / np.sqrt(k / J) * np.sin(np.minimum(within, half) * np.sqrt(k / J))
-        angle = np.where(within < half, inside, play - w0 * (within - half))
+        since_impact = phase % (free + half)
+        inside = play + w0 / np.sqrt(k / J) * np.sin(
+            np.minimum(since_impact, half) * np.sqrt(k / J)
+        )
+        angle = np.where(since_impact < half, inside, play - w0 * (since_impact - half))
         angle = np.where(phase < free + half, angle, -angle)
         assert abs(solution.joint(hinge).angle - angle).max() < 5 * tolerance
 

@@ -69,13 +69,13 @@ def rigid(t_end):
     """The same of a friction without a spring: it sticks until the other forces reach its limit."""
     t, x, changes = 0.0, 0.0, []
     while True:
-        at = np.arange(t, t_end, 1e-5)
-        pull = FORCE * np.sin(RATE * at) - SPRING * x
+        times = np.arange(t, t_end, 1e-5)
+        pull = FORCE * np.sin(RATE * times) - SPRING * x
         beyond = np.flatnonzero(abs(pull) > LIMIT)
         if not len(beyond):
             return x, np.array(changes)
         rates, stops = phase(int(np.sign(pull[beyond[0]])), 1.0)
-        start, options = at[beyond[0]], {"rtol": 1e-10, "atol": 1e-13, "events": stops}
+        start, options = times[beyond[0]], {"rtol": 1e-10, "atol": 1e-13, "events": stops}
         part = solve_ivp(rates, (start, t_end), [x, 0.0, 0.0], **options)
         t, x = part.t[-1], part.y[0, -1]
         changes += [start, t]

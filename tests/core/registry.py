@@ -357,8 +357,8 @@ def many_bodies_that_slide_on_a_beam(x):
     """So many that what slides is among the unknowns of the beam."""
     scene, rod = swing(x, elements=8)
     for k in range(8):
-        at = rod.node(k / 8 + 0.125)
-        body = scene.add_body((at.x, at.y), 0.1 * x[6], 0.02 * x[8]).centre
+        place = rod.node(k / 8 + 0.125)
+        body = scene.add_body((place.x, place.y), 0.1 * x[6], 0.02 * x[8]).centre
         make = fb.Sleeve if k % 3 == 1 else fb.Slider
         spring = fb.Spring(50.0 * x[7], rest=rod.length * (k + 0.9) / 8)
         scene.add_joint(make(rod, body, spring=spring))
@@ -395,8 +395,8 @@ def sleeve_on_an_arc(x):
     taper = fb.Section(**DATA | {"EI": lambda f: 100 * x[2] * (1 - 0.5 * f)})
     rod = scene.add_beam(curve, taper, elements=4, degree=2)
     scene.pin(rod.start)
-    at = rod.nodes[2]
-    bead = scene.add_body((at.x, at.y), mass=0.8 * x[3], inertia=0.05)
+    start = rod.nodes[2]
+    bead = scene.add_body((start.x, start.y), mass=0.8 * x[3], inertia=0.05)
     scene.add_joint(fb.Sleeve(rod, bead.centre, spring=fb.Spring(40.0 * x[7], rest=1.0)))
     scene.set_velocity(bead, (8.0 * x[6], 1.0), spin=1.0)
     scene.make_velocities_compatible()
@@ -426,10 +426,10 @@ def motor_of_a_slider(x):
     bridge = scene.add_beam([(0, 0.2 * x[8]), (4 * x[5], 0)], section(x), elements=8)
     scene.pin(bridge.start)
     scene.fix(bridge.end, "y")
-    at = np.array([0.8 * x[5], 0.16 * x[8]])
-    rod = scene.add_beam([at, at + (0.5, -x[5])], section(x), elements=4)
+    place = np.array([0.8 * x[5], 0.16 * x[8]])
+    rod = scene.add_beam([place, place + (0.5, -x[5])], section(x), elements=4)
     scene.add_joint(fb.Sleeve(bridge, rod.start, motor=lambda t: 2 * t + x[7] * t * t))
-    bead = scene.add_body(at + (0.1, -0.2 * x[5]), mass=0.3, inertia=0.01)
+    bead = scene.add_body(place + (0.1, -0.2 * x[5]), mass=0.3, inertia=0.01)
     scene.add_joint(fb.Slider(rod, bead.centre))
     scene.set_velocity(rod, (2.0, 0.0))
     scene.make_velocities_compatible()
@@ -459,7 +459,7 @@ def wheels_on_a_carrier(x, **laws):
     end = np.array([beam.end.x, beam.end.y])
     points = {"sun": (0, 0), "planet": end}
     carrier = scene.add_body(0.5 * end, 2.0 * x[7], 0.3, points | {"arm": beam.start})
-    wheels = [scene.add_body(at, 0.5, 0.05 * x[3]).centre for at in points.values()]
+    wheels = [scene.add_body(place, 0.5, 0.05 * x[3]).centre for place in points.values()]
     names = zip(points, wheels, strict=True)
     joints = [scene.add_joint(fb.Revolute(carrier[name], wheel)) for name, wheel in names]
     gear = scene.add_joint(fb.Gear(*joints, ratio=-1.5 * x[8], **laws))
@@ -487,7 +487,9 @@ def rack_and_gears_that_a_motor_drives(x):
     scene = fb.Scene(gravity=GRAVITY)
     cart = scene.add_body((0, 0), 3.0 * x[3], 0.4, {"axle": (0.1, 0), "motor": (-0.1, 0.1)})
     rail = scene.add_joint(fb.Prismatic(fb.GROUND, cart.centre, axis=(1, 0.1 * x[5])))
-    pinion, rotor = (scene.add_body(of, 0.2, 0.01 * x[4]).centre for of in ((0.1, 0), (-0.1, 0.1)))
+    pinion, rotor = (
+        scene.add_body(place, 0.2, 0.01 * x[4]).centre for place in ((0.1, 0), (-0.1, 0.1))
+    )
     axle = scene.add_joint(fb.Revolute(cart["axle"], pinion))
     shaft = scene.add_joint(fb.Revolute(cart["motor"], rotor, motor=lambda t: 4 * x[6] * t * t))
     scene.add_joint(fb.Rack(axle, rail, radius=-0.2 * x[8]))
@@ -747,9 +749,9 @@ def member_contact(x):
     return scene
 
 
-def with_a_beam_that_touches(x, scene, member, at):
+def with_a_beam_that_touches(x, scene, member, place):
     """A free beam moves down with its tip on the middle of a member."""
-    above = scene.add_beam([at + (0, 0.105), at + (0.2, 0.8 * x[5])], section(x), elements=2)
+    above = scene.add_beam([place + (0, 0.105), place + (0.2, 0.8 * x[5])], section(x), elements=2)
     scene.set_velocity(above, (0.3, -2.0 * x[6]))
     friction = fb.Coulomb(0.2 * x[8], 1e3)
     scene.add_contact(above, member, stiffness=1e4 * x[7], radius=0.05, friction=friction)

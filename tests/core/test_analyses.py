@@ -21,8 +21,8 @@ def guided(k=100.0, m=1.0, c=4.0, speed=0.0, load=None, **spring):
     scene = fb.Scene()
     body = scene.add_body((0, 0), mass=m, inertia=1.0)
     damper = fb.Damper(c) if c else None
-    on = {"spring": fb.Spring(k, **spring), "damper": damper}
-    guide = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), **on))
+    laws = {"spring": fb.Spring(k, **spring), "damper": damper}
+    guide = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), **laws))
     scene.set_velocity(body, (speed, 0.0))
     if load is not None:
         scene.add_force(body.centre, load)
@@ -381,7 +381,7 @@ def test_a_gear_hands_a_moment_on_by_its_ratio():
     scene = fb.Scene()
     wheels = [scene.add_body((x, 0), mass=1.0, inertia=0.1).centre for x in (0, 1)]
     gear = scene.add_joint(
-        fb.Gear(*(scene.add_joint(fb.Revolute(fb.GROUND, of)) for of in wheels), ratio=-0.5)
+        fb.Gear(*(scene.add_joint(fb.Revolute(fb.GROUND, wheel)) for wheel in wheels), ratio=-0.5)
     )
     scene.fix(wheels[0], "rotation")
     scene.add_moment(wheels[1], 3.0)

@@ -129,7 +129,8 @@ def untouched(scene):
     ends = [node for joint in scene.joints for node in (joint.a, joint.b)]
     touched |= {node.number for node in ends if node is not fb.GROUND}
     touched |= {n for n, _ in scene.fixed} | {n for n, _ in scene.prescribed}
-    acting = [of.target for of in (*scene.loads, *scene.drags) if isinstance(of.target, fb.Node)]
+    targets = (action.target for action in (*scene.loads, *scene.drags))
+    acting = [target for target in targets if isinstance(target, fb.Node)]
     touched |= {node.number for node in acting}
     return {
         beam.name: [

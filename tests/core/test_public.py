@@ -28,9 +28,9 @@ def test_every_quantity_is_measured():
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
     texts = {node.value for node in NODES if isinstance(node, ast.Constant)}
-    for of in (scene, beam, beam.end, fb.Revolute(fb.GROUND, beam.end)):
+    for part in (scene, beam, beam.end, fb.Revolute(fb.GROUND, beam.end)):
         with pytest.raises(fb.SceneError) as refused:
-            fb.Output("?", of)
+            fb.Output("?", part)
         (known,) = re.findall(r"one of \[(.*?)\]", str(refused.value))
         names = set(re.findall(r"'(\w+)'", known))
         assert names and not names - texts

@@ -121,8 +121,8 @@ def shaken(p, x=None):
 
 def mesh(**bad):
     """Two struts with something bad."""
-    given = {"points": [(0, 0), (1, 0), (1, 1)], "cells": [(0, 1), (1, 2)], "section": SECTION}
-    return lambda p: p.scene.add_mesh(**given | bad)
+    arguments = {"points": [(0, 0), (1, 0), (1, 1)], "cells": [(0, 1), (1, 2)], "section": SECTION}
+    return lambda p: p.scene.add_mesh(**arguments | bad)
 
 
 def until(p, condition, **options):
@@ -137,9 +137,9 @@ def of_section(**data):
     return lambda p: fb.Section(**DATA | data)
 
 
-def in_parts(name, *given, **options):
+def in_parts(name, *arguments, **options):
     """A call of a method of the scene."""
-    return lambda p: getattr(p.scene, name)(p.end, *given, **options)
+    return lambda p: getattr(p.scene, name)(p.end, *arguments, **options)
 
 
 def stop(**options):
@@ -549,9 +549,9 @@ REFUSED = {
 COUNT = iter(map(float, range(100)))
 KINDS = {"solutions": ValueError, "steps that fail": fb.StepError}
 CALLS = [
-    pytest.param(*given, *[KINDS.get(topic, fb.SceneError)][: 3 - len(given)], id=f"{topic} {i}")
+    pytest.param(*call, *[KINDS.get(topic, fb.SceneError)][: 3 - len(call)], id=f"{topic} {i}")
     for topic, calls in REFUSED.items()
-    for i, given in enumerate(calls)
+    for i, call in enumerate(calls)
 ]
 
 

@@ -70,7 +70,7 @@ def test_the_gradient_is_that_of_differences():
     _, gradient = turn.cost(c)
     for h in (rng.standard_normal(arm.INTERVALS), np.eye(arm.INTERVALS)[7]):
         h *= 1e-4
-        ahead, behind = ((turn.off(at) ** 2).sum() for at in (c + h, c - h))
+        ahead, behind = ((turn.off(numbers) ** 2).sum() for numbers in (c + h, c - h))
         difference = (ahead - behind) / 2 / (arm.LIMIT**2 * arm.WINDOW / turn.dt)
         assert difference == approx(gradient @ h, rel=1e-5)
 
@@ -196,7 +196,7 @@ def test_both_peaks_of_the_mast_are_equal_and_lower_than_by_the_rules(tuned_damp
 
 def test_the_strongest_column_goes_to_that_of_keller_with_its_numbers(strongest_column):
     few, some, many = strongest_column.values()
-    loads = [4 / 3 - of["load over uniform"] for of in (few, some, many)]
+    loads = [4 / 3 - whip["load over uniform"] for whip in (few, some, many)]
     assert 0 < loads[2] < 0.4 * loads[1] < 0.1 * loads[0]
     assert many["largest error of areas"] < 0.05 < few["largest error of areas"]
 

@@ -19,9 +19,9 @@ def test_the_backbone_is_a_little_softer_than_that_of_a_single_mode(clamped_beam
         np.array(clamped_beam[n]) for n in ("amplitude", "frequency", "of a single mode")
     )
     assert (np.diff(a) > 0).all() and (np.diff(f) > 0).all() and a[-1] > 7
-    within = a < 6
-    assert (f[within] < single[within]).all()
-    assert f[within] == approx(single[within], rel=4e-3)
+    small = a < 6
+    assert (f[small] < single[small]).all()
+    assert f[small] == approx(single[small], rel=4e-3)
 
 
 def test_the_shape_changes_with_the_square_of_a_small_amplitude(clamped_beam):
@@ -65,8 +65,8 @@ def test_the_force_on_the_wall_is_that_of_small_deflections_where_the_walls_are_
 def test_the_column_lies_flat_from_four_times_its_buckling_load_on(column_between_walls):
     # Where the flat part begins rows lie anywhere, and its ends are as sharp as the walls' springs.
     _, flat = column_between_walls["the same by the theory"]
-    given = demo("column_between_walls")
-    spread = (given.EI / given.STIFFNESS) ** 0.25
+    module = demo("column_between_walls")
+    spread = (module.EI / module.STIFFNESS) ** 0.25
     largest = max(column_between_walls["difference from the theory"]["flat length"].values())
     assert largest < spread / flat
     assert column_between_walls["flat length at the end"] == approx(flat, rel=2e-3)
@@ -357,8 +357,10 @@ def test_the_energy_barrier_is_that_of_a_flat_cell(snapping_chain):
 
 def test_more_of_the_path_is_stable_under_a_displacement(snapping_chain):
     under_load, driven = (
-        snapping_chain[f"limit points under a {by}"] for by in ("load", "displacement")
+        snapping_chain[f"limit points under a {control}"] for control in ("load", "displacement")
     )
     assert 0 < driven < under_load
-    shares = [snapping_chain[f"stable part under a {by}"] for by in ("load", "displacement")]
+    shares = [
+        snapping_chain[f"stable part under a {control}"] for control in ("load", "displacement")
+    ]
     assert shares[0] < shares[1] < 1

@@ -70,8 +70,8 @@ if __name__ == "__main__": script.run()
 def test_results_go_to_a_folder_named_after_the_demo_or_to_the_one_given(tmp_path):
     shutil.copytree(DEMOS["ring"].parent / "shared", tmp_path / "demos" / "shared")
     (tmp_path / "demos" / "one.py").write_text(DEMO)
-    for given in ("somewhere", "results/one"):
-        command = [sys.executable, "demos/one.py", *([given] if given == "somewhere" else [])]
+    for folder in ("somewhere", "results/one"):
+        command = [sys.executable, "demos/one.py", *([folder] if folder == "somewhere" else [])]
         subprocess.run(command, cwd=tmp_path, check=True)
-        assert json.loads((tmp_path / given / "summary.json").read_text()) == {"x": 1}
-        assert (tmp_path / given / "printed.txt").read_text() == "{'x': 1}\n"
+        assert json.loads((tmp_path / folder / "summary.json").read_text()) == {"x": 1}
+        assert (tmp_path / folder / "printed.txt").read_text() == "{'x': 1}\n"

@@ -16,9 +16,9 @@ def test_ctrl_c_in_save_is_no_other_error_and_leaves_the_earlier_file(tmp_path, 
     (tmp_path / "run.npz").write_bytes(b"earlier")
     real = zipfile.ZipFile.open
 
-    def interrupted(self, *given, **options):
-        part = real(self, *given, **options)
-        if given[0] == "q.npy":
+    def interrupted(self, *arguments, **options):
+        part = real(self, *arguments, **options)
+        if arguments[0] == "q.npy":
             raise KeyboardInterrupt  # before the part is known outside
         return part
 

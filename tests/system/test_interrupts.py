@@ -67,11 +67,11 @@ def test_a_step_is_taken_or_not_wherever_it_is_interrupted(
     steps = broken = unbroken = 0
     for place in itertools.count(step=every):
         push = 3e3 if bumps and steps % 4 == 2 else 0.1
-        given = {"place": np.sin(0.1 * steps), "push": (push, 0.2)}
-        reached = call_stopped_at(place, lambda given=given: motion.step(given), opcodes)
+        inputs = {"place": np.sin(0.1 * steps), "push": (push, 0.2)}
+        reached = call_stopped_at(place, lambda inputs=inputs: motion.step(inputs), opcodes)
         broken += reached
         if motion.t > twin.t:
-            twin.step(given)
+            twin.step(inputs)
             steps += 1
         agree(motion, twin)
         unbroken = 0 if reached else unbroken + 1

@@ -106,16 +106,18 @@ DAMAGE = {
 }
 
 
-@pytest.mark.parametrize(("of", "damage"), [*((loop, kind) for kind in DAMAGE), (form, "foreign")])
+@pytest.mark.parametrize(
+    ("kind", "damage"), [*((loop, kind) for kind in DAMAGE), (form, "foreign")]
+)
 def test_a_library_that_is_not_as_it_was_built_is_built_again(
-    of, damage, cache, compiled, monkeypatch
+    kind, damage, cache, compiled, monkeypatch
 ):
-    assert of() == 3
+    assert kind() == 3
     library = library_in(cache)
     size = library.stat().st_size
     DAMAGE[damage](library)
     forget(monkeypatch)
-    assert of() == 3
+    assert kind() == 3
     assert compiled == [library.name] * 2
     assert len(library.read_bytes()) == size
     assert not library.stat().st_mode & 0o022
@@ -141,8 +143,8 @@ def test_a_folder_that_others_could_write_is_closed_before_more_goes_there(cache
 
 
 @KINDS
-def test_a_library_is_not_loaded_from_another_user(of, cache, compiled, monkeypatch, tmp_path):
-    assert of() == 3
+def test_a_library_is_not_loaded_from_another_user(kind, cache, compiled, monkeypatch, tmp_path):
+    assert kind() == 3
     other = tmp_path / "temporary" / "fx_beam-4321"
     other.mkdir()
     if os.getuid() == 0:  # what belongs to the administrator is trusted
@@ -151,22 +153,22 @@ def test_a_library_is_not_loaded_from_another_user(of, cache, compiled, monkeypa
     monkeypatch.setattr(os, "geteuid", lambda: 4321)
     forget(monkeypatch)
     with pytest.raises((OSError, c_library.CannotBuild), match="another user can write it|built"):
-        of()
+        kind()
     assert len(compiled) == 1
 
 
 @KINDS
-def test_a_folder_that_others_can_exchange_is_not_used(of, cache, compiled, monkeypatch, caplog):
-    assert of() == 3
+def test_a_folder_that_others_can_exchange_is_not_used(kind, cache, compiled, monkeypatch, caplog):
+    assert kind() == 3
     cache.parent.chmod(0o777)  # what is in it may be renamed
     forget(monkeypatch)
-    assert of() == 3
+    assert kind() == 3
     assert len(compiled) == 2
     assert f"another user can write {cache.parent}" in caplog.text
     # Sticky, it is as safe as the folder for temporary files.
     cache.parent.chmod(0o1777)
     forget(monkeypatch)
-    assert of() == 3
+    assert kind() == 3
     assert len(compiled) == 2
 
 
@@ -243,26 +245,26 @@ print(test_library_cache.{{of}}())
 """
 
 
-def script(of, **environment):
+def script(kind, **environment):
     """The function in a process of its own."""
-    command = [sys.executable, "-c", SCRIPT.format(of=of.__name__)]
+    command = [sys.executable, "-c", SCRIPT.format(of=kind.__name__)]
     return subprocess.run(
         command, env=os.environ | environment, capture_output=True, text=True, timeout=60
     )
 
 
 @KINDS
-def test_a_process_that_is_killed_while_it_compiles_is_in_nobodys_way(of, cache, tmp_path):
+def test_a_process_that_is_killed_while_it_compiles_is_in_nobodys_way(kind, cache, tmp_path):
     killer = tmp_path / "cc"
     killer.write_text(COMPILER)
     killer.chmod(0o755)
-    done = script(of, CC=str(killer))
+    done = script(kind, CC=str(killer))
     assert done.returncode == -signal.SIGKILL, done.stderr
     (scratch,) = cache.glob("building-*")
     assert not list(cache.glob("*.so"))
     # A day later also what it left goes.
     os.utime(scratch, (0, 0))
-    done = script(of)
+    done = script(kind)
     assert done.stdout == "3.0\n", done.stderr
     assert {path.suffix for path in cache.iterdir()} <= {".so", ".forms"}
 
@@ -306,12 +308,12 @@ def others(cache, monkeypatch):
 @KINDS
 @pytest.mark.parametrize("obstacle", [full, file, others])
 def test_a_cache_that_cannot_be_used_gets_a_substitute_and_one_warning(
-    of, obstacle, cache, compiled, monkeypatch, tmp_path, caplog
+    kind, obstacle, cache, compiled, monkeypatch, tmp_path, caplog
 ):
     obstacle(cache, monkeypatch)
-    assert of() == 3
+    assert kind() == 3
     forget(monkeypatch)
-    assert of() == 3
+    assert kind() == 3
     assert len(compiled) == 1
     (said,) = (record.getMessage() for record in caplog.records if record.levelname == "WARNING")
     assert "XDG_CACHE_HOME" in said and str(cache) in said

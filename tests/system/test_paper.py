@@ -33,8 +33,8 @@ def last_digit(printed):
 
 @pytest.mark.parametrize("demo", sorted({demo for _, _, demo, _ in CLAIMS}))
 def test_numbers_of_the_page_are_those_that_the_demos_compute(demo):
-    for bound, printed, of, path in CLAIMS:
-        if of != demo:
+    for bound, printed, demo_name, path in CLAIMS:
+        if demo_name != demo:
             continue
         found = looked_up(demo, path)
         if bound in ("below ", "less than "):

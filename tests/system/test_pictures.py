@@ -96,8 +96,10 @@ def rings(ax):
 
 
 def painted(figure):
-    """The coloured members of a picture, one collection for each row."""
-    return [of for of in figure.axes[0].collections if of.get_paths() and hasattr(of, "norm")]
+    """The coloured members of a picture, one item for each row."""
+    return [
+        item for item in figure.axes[0].collections if item.get_paths() and hasattr(item, "norm")
+    ]
 
 
 def holds(figure):
@@ -282,7 +284,7 @@ def test_shapes_that_nodes_carry_move_and_turn_with_them():
 
 def arrow(figure):
     """The last arrow of a picture."""
-    return [of for of in figure.axes[0].collections if hasattr(of, "U")][-1]
+    return [item for item in figure.axes[0].collections if hasattr(item, "U")][-1]
 
 
 def test_a_force_is_drawn_in_the_window_and_with_the_section_that_it_follows(swing):
@@ -366,9 +368,9 @@ def test_each_of_many_curves_has_a_look_of_its_own():
 
 def arrows(ax):
     """Heads (n, 2) and vectors (n, 2) of all arrows of forces, these relative to the longest."""
-    of_rows = [of for of in ax.collections if isinstance(of, Quiver)]
-    vectors = np.vstack([np.column_stack([of.U, of.V]) for of in of_rows])
-    heads = np.vstack([of.XY for of in of_rows]) + vectors
+    of_rows = [item for item in ax.collections if isinstance(item, Quiver)]
+    vectors = np.vstack([np.column_stack([item.U, item.V]) for item in of_rows])
+    heads = np.vstack([item.XY for item in of_rows]) + vectors
     return heads, vectors / np.hypot(*vectors.T).max()
 
 
@@ -390,7 +392,7 @@ def test_arrows_of_equilibria_are_the_forces_that_act():
     ):
         heads, vectors = arrows(plot.shapes(path, rows=[0, 1, 2]).axes[0])
         order = np.lexsort((heads[:, 0], [k for k, *_ in acting]))  # of a row along the beam
-        assert heads[order] == approx(np.array([path.position(at)[k] for k, at, _ in acting]))
+        assert heads[order] == approx(np.array([path.position(node)[k] for k, node, _ in acting]))
         assert vectors[order] == approx(np.array([(0, force / 8) for *_, force in acting]))
 
 
@@ -536,14 +538,14 @@ def test_limits_are_the_ends_of_the_colours_and_arrows_show_what_is_beyond(
 @pytest.mark.parametrize("name", ["scene", "shapes", "diagrams", "modes"])
 def test_pictures_are_returned_and_written_into_files_of_the_same_kinds(name, swing, tmp_path):
     scene, bar, solution = swing
-    given = {"scene": scene, "modes": fb.modes(scene, n=2)}.get(name, solution)
+    subject = {"scene": scene, "modes": fb.modes(scene, n=2)}.get(name, solution)
     draw = getattr(plot, name)
-    assert isinstance(draw(given), Figure)
+    assert isinstance(draw(subject), Figure)
     for ending in ("png", "svg", "pdf", "webp") if name == "scene" else ("png", "svg"):
-        assert isinstance(draw(given, tmp_path / f"picture.{ending}"), Figure)
+        assert isinstance(draw(subject, tmp_path / f"picture.{ending}"), Figure)
         assert (tmp_path / f"picture.{ending}").stat().st_size > 1000
     with pytest.raises(ValueError, match="its name must end with .*png.*svg"):
-        draw(given, tmp_path / "picture.doc")
+        draw(subject, tmp_path / "picture.doc")
 
 
 def test_a_film_has_marks_scenery_and_colours_and_is_white_elsewhere(swing, tmp_path):
@@ -623,7 +625,7 @@ def test_the_power_of_ten_of_the_ticks_is_not_where_a_film_has_its_time(tmp_path
 
 
 def test_rows_are_those_next_to_times_or_evenly_spaced(swing):
-    t, shown = swing[2].t, lambda **of: checked_drawing(swing[2], 1.0, "m", 8, **of).rows
+    t, shown = swing[2].t, lambda **options: checked_drawing(swing[2], 1.0, "m", 8, **options).rows
     assert shown(times=[t[3] + 1e-6, t[9]]) == [3, 9] and shown(count=3) == [
         0,
         (len(t) - 1) // 2,

@@ -182,8 +182,8 @@ def test_the_docs_have_the_overview_of_the_report():
     rows = [line.split("|")[1].strip() for line in table.splitlines()[3:] if line]
     spans = [(e.__name__.partition("_to_")[0], e(True)) for e in module.EXAMPLES]
     assert rows == [
-        f"{name.replace('_', ' ')} to {given['t_end']:g} s: {next(iter(given['quantities']))}"
-        for name, given in spans
+        f"{name.replace('_', ' ')} to {span['t_end']:g} s: {next(iter(span['quantities']))}"
+        for name, span in spans
     ]
 
 

@@ -113,7 +113,7 @@ def test_a_scene_at_rest_has_no_energy_to_judge():
 
 
 @pytest.mark.parametrize(
-    ("given", "reason"),
+    ("options", "reason"),
     [
         ({"dt": -0.1}, "dt = -0.1 must be a positive number"),
         ({"dt": "0.1"}, "dt = '0.1' must be"),
@@ -124,9 +124,9 @@ def test_a_scene_at_rest_has_no_energy_to_judge():
         ({"label": 0.1}, "must be texts"),
     ],
 )
-def test_a_case_that_cannot_be_run_is_refused_at_once(given, reason):
+def test_a_case_that_cannot_be_run_is_refused_at_once(options, reason):
     arguments = {"group": "swing", "label": "fast", "scene": fb.Scene, "dt": 0.1, "t_end": 1.0}
-    assert_refused(f"swing: .*{reason}", lambda: stability.Case(**arguments | given))
+    assert_refused(f"swing: .*{reason}", lambda: stability.Case(**arguments | options))
 
 
 # -- Drift -------------------------------------------------------------------------------------

@@ -84,8 +84,8 @@ def problems(monkeypatch):
     """The problems of C that are set up."""
     noted, begin = [], Problem.__init__
 
-    def begun(self, *given):
-        begin(self, *given)
+    def begun(self, *arguments):
+        begin(self, *arguments)
         noted.append(self)
 
     monkeypatch.setattr(Problem, "__init__", begun)
@@ -150,8 +150,8 @@ def test_processes_of_mpirun_have_one_thread_each(monkeypatch):
     assert threads.thread_count() == 1
 
 
-@pytest.mark.parametrize("given", ["0", "two", "-1", "100"])
-def test_a_wrong_number_of_threads_is_refused(given, large, monkeypatch):
-    monkeypatch.setenv("FX_BEAM_THREADS", given)
+@pytest.mark.parametrize("count", ["0", "two", "-1", "100"])
+def test_a_wrong_number_of_threads_is_refused(count, large, monkeypatch):
+    monkeypatch.setenv("FX_BEAM_THREADS", count)
     with pytest.raises(fb.SceneError, match="must be a number of threads"):
         moved()

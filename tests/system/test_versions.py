@@ -67,13 +67,13 @@ def test_the_rule_of_a_form_is_that_of_gauss(points):
 def test_values_at_gauss_points_are_those_that_the_rule_of_a_form_takes(points):
     mesh, symbol, dx = row(1, 3.0), elements.Symbols(ON).data(points), elements.measure(ON, points)
     field = Field(mesh.space(points))
-    given = field.array[:] = np.exp(np.arange(points))
+    values = field.array[:] = np.exp(np.arange(points))
     squares = integral(symbol**2 * dx, mesh, {symbol: field})
     weights = np.polynomial.legendre.leggauss(points)[1] * 3.0 / 2
-    assert squares == pytest.approx(weights @ given**2, rel=1e-13)
+    assert squares == pytest.approx(weights @ values**2, rel=1e-13)
     moment = integral(symbol * X * dx, mesh, {symbol: field})
     places = 3.0 * gauss_rule(points)[0]
-    assert moment == pytest.approx(weights @ (given * places), rel=1e-12)
+    assert moment == pytest.approx(weights @ (values * places), rel=1e-12)
 
 
 # -- What the compiled loop takes ------------------------------------------------------------------

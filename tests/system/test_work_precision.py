@@ -170,15 +170,15 @@ def made_up(runs, mesh_errors=None, **references):
     """A study with runs (scheme, seconds, error), the slower the finer, as if it had been done."""
     rows = []
     for scheme, seconds, error, *more in runs:
-        given = {
+        options = {
             "mesh": MESH,
             "dt": 1e-4 / seconds,
             "unknowns": 4,
             "steps": 10,
             "energy_error": 0.0,
         }
-        given |= {"errors": {"q": error}, "seconds": seconds, "step_seconds": seconds / 10}
-        rows.append(Run(scheme, scheme, **given | dict(*more)))
+        options |= {"errors": {"q": error}, "seconds": seconds, "step_seconds": seconds / 10}
+        rows.append(Run(scheme, scheme, **options | dict(*more)))
     return Precision(1.0, 5, {"q": None} | references, "", rows, mesh_errors or {})
 
 
