@@ -53,7 +53,7 @@ def one_bar(axis, section, *size, gravity=None, load=None, **options):
     A load is a force at its end.
     """
     scene = fb.Scene(gravity=gravity)
-    is_end = isinstance(axis, tuple) or getattr(axis, "ndim", 2) == 1
+    is_end = isinstance(axis, tuple | np.ndarray) and np.ndim(axis) == 1
     points = [(0, 0), axis] if is_end else axis
     bar = scene.add_beam(points, section, *size, **options)
     if load is not None:
