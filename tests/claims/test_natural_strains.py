@@ -162,11 +162,12 @@ def test_a_linear_system_of_a_muscle_is_the_limit_of_small_motions(rhoI, retarda
     scene.add_drag(beam, linear=2.0, rotation=0.02)
     load = scene.add_force(beam.end, (0.0, 0.2))
     start = fb.static(scene, load_steps=4)
-    outputs = {"tip": fb.Output("displacement", beam.end, "y")}
+    quantities = ("displacement", "y"), ("velocity", "y"), ("rotation", None)
+    outputs = {name: fb.Output(name, beam.end, axis) for name, axis in quantities}
     system = fb.linearise(scene, start, outputs=outputs)
     t = 2e-3 * np.arange(201)
     push = np.sin(np.pi * t / 0.4) ** 4
-    exact = scipy.signal.lsim(system.state_space(), push, t)[1]
+    exact = scipy.signal.lsim(system.state_space(), push, t)[1][:, 0]
     seen = []
     for size in (1e-3, -1e-3):
         inputs = {"muscle": lambda t, size=size: size * np.sin(np.pi * t / 0.4) ** 4}
@@ -178,9 +179,9 @@ def test_a_linear_system_of_a_muscle_is_the_limit_of_small_motions(rhoI, retarda
     motion = fb.Motion(scene, dt=2e-3, start=start, outputs=outputs)
     for _ in range(2):
         motion.step({"muscle": 1e-3})
-    tip = system.C @ system.deviation(motion) + system.D @ [1e-3]
-    moved = motion.outputs["tip"] - start.displacement(beam.end)[-1, 1]
-    assert tip.item() == pytest.approx(moved, rel=1e-3)
+    seen = system.C @ system.deviation(motion) + system.D @ [1e-3]
+    at_rest = start.displacement(beam.end)[-1, 1], 0.0, start.rotation(beam.end)[-1]
+    assert seen == pytest.approx(np.subtract([*motion.outputs.values()], at_rest), rel=1e-3)
     assert system.deviation(motion.state) == pytest.approx(system.deviation(motion), abs=1e-12)
 
 
