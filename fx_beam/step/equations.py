@@ -129,7 +129,7 @@ class Equations:
     @property
     def values(self) -> np.ndarray:
         """Values of the tangent in the sparsity of `ReducedTangent.pattern`."""
-        return self._tangent[self._problem.storage.tangent_at]
+        return self._tangent[self._problem.storage.tangent_places]
 
     def system(self) -> scipy.sparse.csr_matrix:
         """The linear system of the last balance: the unknowns and auxiliary ones before others."""

@@ -126,7 +126,7 @@ def _worth(sparse: Factors, entries: int, costs: Costs) -> int:
 def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:
     """Band storage in reverse Cuthill-McKee order, row by row, with room for the fill-in."""
     n = graph.shape[0]
-    order = np.empty(n, dtype=int)
+    order = np.empty(n, dtype=np.int32)
     order[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(n)
     i, j = order[rows], order[columns]
     band = max(1, int(abs(i - j).max(initial=0)))
@@ -154,7 +154,7 @@ def _chained(
         groups = -(-(np.bincount(part) + offset) // GROUP)
         by_first, start = np.argsort(first), np.empty_like(first)
         start[by_first] = GROUP * (np.cumsum(groups[by_first]) - groups[by_first])
-        return order + (start + offset - first)[part]
+        return order + (start + offset - first)[part].astype(np.int32)
     return None
 
 
@@ -167,7 +167,6 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
     positions = i * ROW + _OWN * (1 + j // GROUP - i // GROUP) + j % GROUP
     unused = np.flatnonzero(np.bincount(order, minlength=GROUP * chain) == 0)
     padding, size = unused * ROW + _OWN + unused % GROUP, GROUP * chain * ROW
-    positions = positions.astype(np.int32)
     return Factors(order, positions, size, 2 * GROUP - 1, chain=chain, padding=padding)
 
 

@@ -11,7 +11,7 @@ import scipy.sparse
 from fx_beam.coupling.reduction import ReducedTangent, Reduction
 from fx_beam.fem.sparsity import blocks_with, starts_of
 
-from .lu_layout import COSTS, GROUP, Factors, factors_of, graph_of, groups_of
+from .lu_layout import COSTS, GROUP, NONE, Factors, factors_of, graph_of, groups_of
 from .model import Model
 from .newton import NewtonOptions
 
@@ -88,7 +88,7 @@ class TangentStorage:
         places, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.tangent.pattern
-            places, stored = np.arange(len(indices)), len(indices)
+            places, stored = np.arange(len(indices), dtype=np.int32), len(indices)
             problem.set(
                 system={
                     "tangent_start": indptr,
@@ -97,8 +97,6 @@ class TangentStorage:
                     "reused": {"worth": 0 if self.kind.rates else factors.worth},
                 }
             )
-        #: Storage indices of the entries of `ReducedTangent.pattern`.
-        self.tangent_at = places
         if self.model.points.members is not None and not self.kind.rates:
             self._set_changing_rows(problem)
         elif factors.rows and not self.inside:
@@ -153,6 +151,7 @@ class TangentStorage:
         #: Storage index of each entry of the full tangent.
         self.stored_at = stored_at
         self._set_mass(problem)
+        self.factors = factors._replace(at=NONE)  # C has what it needs of it
 
     def _set_mass(self, problem: Any) -> None:
         """Hand over where the tangent has masses, in blocks of pairs of nodes."""
@@ -244,10 +243,17 @@ class TangentStorage:
         places[turned.data] = self._factors_of(turned.indptr, turned.indices).at
         if not self.factors.band:
             return places
-        stored = np.arange(problem.c.tangent.stored)
-        stored[self.factors.at] = places
-        stored[places] = self.factors.at
+        stored, own = np.arange(problem.c.tangent.stored), self.tangent_places
+        stored[own], stored[places] = places, own
         return stored
+
+    @property
+    def tangent_places(self) -> np.ndarray:
+        """Storage indices of the entries of `ReducedTangent.pattern`."""
+        indptr, indices = self.model.reduction.tangent.pattern
+        return (
+            self._factors_of(indptr, indices).at if self.factors.band else np.arange(len(indices))
+        )
 
 
 def alone_in_column(reduction: Reduction) -> np.ndarray:
