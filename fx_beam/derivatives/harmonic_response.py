@@ -180,7 +180,7 @@ class HarmonicResponse(OfParameters):
         _, observed = self._parameters.besides
         self._load_changes: np.ndarray | None = None
         self._measured = ObservedMotion(about, observed, f"{_WHAT}: at")
-        sides = np.array([about.T.T @ self._force, *self._measured.rows]).T
+        sides = np.array([about.on_unknowns(self._force), *self._measured.rows]).T
         self._vibrations = _Vibrations(Vibration(about, _WHAT), sides, self._base is not None)
         solved = [self._vibrations.solved(f) for f in self._f]
         motions, adjoints = map(np.array, zip(*solved, strict=True))

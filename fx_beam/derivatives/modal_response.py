@@ -7,16 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse
 from scipy.optimize import linear_sum_assignment
 
 from fx_beam.errors import SceneError, array_of, check_takes, is_flag, is_whole, require
-from fx_beam.linear.linearisation import Linearisation
 from fx_beam.linear.modal import lowest_modes
+from fx_beam.linear.pencil import Pencil
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
-from fx_beam.step.sparse_lu import pivoted_lu
 
 from .parametrised import OfParameters, Parametrised, one_call
 from .tangent_analysis import TangentAnalysis
@@ -168,7 +166,7 @@ class ModalResponse(OfParameters):
                 'without; of loads at flutter the output "critical_load" of StaticResponse has some'
             )
         self._looked_above = False
-        self._by_rates = about.damping_matrix("modes", self._damped)
+        self._by_rates = about.damping("modes", self._damped)
         extra = 2 if self._damped else 0  # copies above are seen without damping only
         if self._take_modes(self._n + extra) < _SAME:
             self._take_modes(2 * self._n + _MORE)
@@ -326,11 +324,13 @@ class ModalResponse(OfParameters):
         x, lefts = vectors.T, vectors[:, left].T
         s, slope = self._modes.roots[right], 2 * self._modes.roots[right]
         if C is not None:
-            if abs(C - C.T).max() > _SYMMETRIC * abs(C).max():
-                lefts = np.array(
-                    [_left_vector(about, C, *mode) for mode in zip(s, lefts, strict=True)]
-                )
-            slope = (lefts * (2 * s * (about.M @ x[right].T) + C @ x[right].T).T).sum(axis=1)
+            pencil, A = Pencil(about.stiffness, C, about.inertia), C.alone
+            if abs(A - A.T).max() > _SYMMETRIC * abs(A).max():
+                modes_of_roots = zip(s, lefts, strict=True)
+                lefts = np.array([_left_vector(pencil, *mode) for mode in modes_of_roots])
+            slope = (lefts * (2 * s * (pencil.M @ x[right].T) + pencil.C @ x[right].T).T).sum(
+                axis=1
+            )
         times = 1 / abs(self._modes.omega[modes])
         return Pairs(x[modes], lefts, mode_of, -1 / slope, -s / slope, -(s**2) / slope, times)
 
@@ -344,12 +344,10 @@ class ModalResponse(OfParameters):
         _log.warning(_REPEATED, len(group), self._modes.omega[group[0]])
 
 
-def _left_vector(
-    about: Linearisation, C: scipy.sparse.csr_matrix, root: complex, x: np.ndarray
-) -> np.ndarray:
+def _left_vector(pencil: Pencil, root: complex, x: np.ndarray) -> np.ndarray:
     """The left vector of a mode, by inverse iteration at its root; x is the right one."""
     s = root * (1 + _BESIDE)
-    factors = pivoted_lu((about.K + s * C + s**2 * about.M).astype(complex))
+    factors = pencil.at(s)
     left = np.conj(x)
     for _ in range(_ITERATIONS):
         left = factors.solve(left, "T")

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
-from fx_beam.content_cache import cached_property
 from fx_beam.dual import floats
 from fx_beam.errors import LARGEST, SceneError, real_array, require
 from fx_beam.results.solution import Solution
@@ -18,10 +17,10 @@ from fx_beam.scene.joints import Joint
 from fx_beam.scene.loads import check_node
 from fx_beam.scene.outputs import Measured, Output
 from fx_beam.scene.scene import Scene
-from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.undamped_modes import Symmetry
 
 from .linearisation import Linearisation, linearised, motion_rows
+from .pencil import Pencil, Weighted
 
 # Motion per force, in the units of the equations' diagonal, at which only rounding bounds it.
 _UNBOUNDED = 1e14
@@ -144,7 +143,7 @@ def frequency_response(
     vibration = Vibration(about, caller, modal)
     values = np.zeros((len(f), len(measured.names)), complex)
     for row, frequency in zip(values, f, strict=True):
-        forces = about.T.T @ (force + (2 * np.pi * frequency) ** 2 * shaking)
+        forces = about.on_unknowns(force + (2 * np.pi * frequency) ** 2 * shaking)
         motion = vibration.at(frequency).solved(forces)
         row[:] = measured.rows @ motion + measured.of_nodes @ moved
     return FrequencyResponse(at, f, measured.names, values)
@@ -173,61 +172,53 @@ def modal_damping(about: Linearisation, ratios: Any, f: float, caller: str) -> M
     require(len(omega) >= len(zeta), f"{caller}: damping_ratio", ratios, expected)
     zeta, w = np.broadcast_to(zeta, omega.shape), omega.clip(0.0)
     tau = 2 * zeta[-1] / w[-1] if w[-1] else 0.0
-    return ModalDamping(about.M @ vectors, 2 * zeta * w - tau * w**2, tau)
+    M = Weighted(about.inertia.alone, about.stiffness)
+    return ModalDamping(M @ vectors, 2 * zeta * w - tau * w**2, tau)
 
 
 class Vibration:
     """K + i w C - w^2 M of small motions about a configuration."""
 
     def __init__(self, about: Linearisation, caller: str, modal: ModalDamping | None = None):
-        self._what, C = caller, about.damping_matrix(caller)
-        self._diagonals = about.K.diagonal(), about.M.diagonal()
-        # The values of all three in the columns of a common pattern.
-        C = 0 * about.K if C is None else C
-        self._modal = modal
+        self._what, self._modal, K = caller, modal, about.stiffness
+        alone, C = K.without_equations, about.damping(caller)
+        if C is None:
+            C = alone.with_data(0 * alone.system.data)
         if modal is not None:
-            C = C + modal.tau * about.symmetric
-        parts, n = [matrix.tocoo() for matrix in (about.K, C, about.M)], about.K.shape[0]
-        places = [part.col.astype(np.int64) * n + part.row for part in parts]
-        pattern = np.unique(np.concatenate(places))
-        self._values = np.zeros((3, len(pattern)))
-        for values, part, place in zip(self._values, parts, places, strict=True):
-            np.add.at(values, np.searchsorted(pattern, place), part.data)
-        columns = np.searchsorted(pattern // n, np.arange(n + 1))
-        self._pattern, self._shape = (pattern % n, columns), about.K.shape
-        self._symmetry = Symmetry(
-            (columns, pattern % n), about.unit, bool(about.model.couplings.sliding)
-        )
-
-    @cached_property
-    def symmetric(self) -> bool:
-        """Whether K, C and M are symmetric, but for round-off."""
-        return all(map(self._symmetry.holds, self._values))
+            symmetric = K.symmetric.without_equations
+            C = C + symmetric.with_data(modal.tau * symmetric.system.data)
+        self._pencil = Pencil(K, C, about.inertia)
+        self._diagonals = abs(self._pencil.K.diagonal()), self._pencil.M.diagonal()
+        matrices = (part.A for part in (self._pencil.K, self._pencil.C, self._pencil.M))
+        sliding = bool(about.model.couplings.sliding)
+        #: Whether K, C and M are symmetric, but for round-off.
+        self.symmetric = all(Symmetry.of(A.tocsr(), about.unit, sliding) for A in matrices)
 
     def at(self, frequency: float) -> Vibration:
         """Itself, with factors of the matrix at a frequency [Hz]."""
         self._f, w = frequency, 2 * np.pi * frequency
         stiffness, mass = self._diagonals
-        self._scale = np.sqrt(abs(stiffness) + w**2 * mass)
+        self._scale = np.sqrt(stiffness + w**2 * mass)
         self._scale[self._scale == 0] = 1.0
-        values = np.array([1, 1j * w, -(w**2)]) @ self._values
-        try:
-            matrix = scipy.sparse.csc_matrix((values, *self._pattern), self._shape)
-            self._lu = pivoted_lu(matrix)
-        except RuntimeError:  # a pivot is zero
-            raise self._unbounded() from None
+        self._system = self._pencil.at(1j * w)
         return self
 
     def solved(self, force: np.ndarray, transposed: bool = False) -> np.ndarray:
         """Motions (free, ...) under forces (free, ...), or with the transposed matrix."""
-        x = self._lu.solve(force, "T" if transposed else "N")
+        try:
+            x = self._system.solve(force, "T" if transposed else "N")
+        except RuntimeError:  # a pivot is zero
+            raise self._unbounded() from None
         if self._modal is not None:  # a matrix of low rank beside it (Woodbury)
             B, weights = self._modal.B, 2j * np.pi * self._f * self._modal.c[:, None]
-            of_modes = self._lu.solve(B.astype(complex))
-            small = np.eye(B.shape[1]) + weights * (B.T @ of_modes)
-            x = x - of_modes @ np.linalg.solve(small, weights[:, 0] * (B.T @ x))
+            mode_motions = self._system.solve(B)
+            small = np.eye(B.shape[1]) + weights * (B.T @ mode_motions)
+            x = x - mode_motions @ np.linalg.solve(small, weights[:, 0] * (B.T @ x))
         # Sizes of real and imaginary parts, which are side by side.
-        scaled = (part.view(float) for part in (self._scale * x.T, force.T / self._scale))
+        scaled = (
+            np.ascontiguousarray(part).view(float)
+            for part in (self._scale * x.T, (force.T / self._scale).astype(complex))
+        )
         motion, load = (np.einsum("...i,...i", part, part) for part in scaled)  # squares
         if not np.all(motion <= _UNBOUNDED**2 * load):
             raise self._unbounded()
@@ -235,8 +226,7 @@ class Vibration:
 
     def frequency_slope(self, motion: np.ndarray) -> np.ndarray:
         """Derivative of the matrix by the angular frequency w, times a motion (free,)."""
-        values = np.array([0, 1j, -4 * np.pi * self._f]) @ self._values
-        return scipy.sparse.csc_matrix((values, *self._pattern), self._shape) @ motion
+        return 1j * (self._pencil.C @ motion) - 4 * np.pi * self._f * (self._pencil.M @ motion)
 
     def _unbounded(self) -> SceneError:
         return SceneError(
@@ -265,7 +255,7 @@ def nodal_load(about: Linearisation, load, name: str) -> np.ndarray:
     require(len(parts) in (2, 3), f"{name} on {node}", components, expected)
     full = np.zeros(about.model.size, dtype=complex)
     full[about.model.mesh.dofs[node.number][: len(parts)]] = parts
-    if not (about.T.T @ full).any():
+    if not about.on_unknowns(full).any():
         raise SceneError(
             f"{name} on {node} moves nothing: it is zero, or supports take all of it. Give "
             "components in free directions"
@@ -319,11 +309,14 @@ class ObservedMotion:
                 outputs["angle"] = Output("angle", place)
             if not outputs:
                 raise SceneError(f"{name}: {place} has no free coordinate. Take one of its nodes")
-        nodes = scipy.sparse.identity(model.size, format="csr")
-        no_columns = scipy.sparse.csr_matrix((model.reduction.columns, model.size))
+        size, columns = model.size, model.reduction.columns
+        nodes, slides = (scipy.sparse.identity(n, format="csr") for n in (size, columns))
+        no_nodes = scipy.sparse.csr_matrix((size, columns))
         listed = [Measured(output) for output in outputs.values()]
         #: Names of the components; matrices that give them from the motion of all nodes (m, size),
         #: but for slides, and from the unknowns (m, free).
         self.names = tuple(outputs)
-        self.of_nodes = np.vstack([motion_rows(model, of, nodes, no_columns) for of in listed])
-        self.rows = np.vstack([motion_rows(model, of, about.T, about.columns) for of in listed])
+        self.of_nodes = np.vstack([motion_rows(model, of, nodes, no_nodes.T.tocsr()) for of in listed])
+        of_columns = np.vstack([motion_rows(model, of, no_nodes, slides) for of in listed])
+        rows = zip(self.of_nodes, of_columns, strict=True)
+        self.rows = np.array([about.on_unknowns(*parts) for parts in rows])

@@ -59,7 +59,7 @@ class Linearisation:
     start: State
     #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
     frame: TurningFrame | None
-    coriolis: scipy.sparse.csr_matrix | None
+    coriolis: Extended | None
     #: Load factor of forces that depend on rates; 1 without a state.
     factor: float
     #: Models of an earlier scene by kind, which serve again.
@@ -117,6 +117,16 @@ class Linearisation:
                 moved[:, k] += 1j * (self.coupling @ z.imag)
         return moved
 
+    def on_unknowns(self, forces: np.ndarray, on_columns: np.ndarray | None = None) -> np.ndarray:
+        """T^T f (free,) for forces f (size,) at nodes, or also those (columns,) on columns."""
+        others = np.zeros(self._count)
+        if on_columns is not None:
+            others[: len(on_columns)] = on_columns
+        parts = self.coupling.transposed(forces.real, others)[self.unknowns]
+        if np.iscomplexobj(forces):
+            parts = parts + 1j * self.coupling.transposed(forces.imag, 0 * others)[self.unknowns]
+        return parts
+
     @property
     def may_be_damped(self) -> bool:
         """Whether the scene has anything whose forces depend on rates."""
@@ -131,8 +141,8 @@ class Linearisation:
             or (beams is not None and beams.facts.needs_rates)  # in statics: of added virtual works
         )
 
-    def damping_matrix(self, caller: str, damped: bool = True) -> scipy.sparse.csr_matrix | None:
-        """Derivative (free, free) of all forces by the rates, with damping if that counts.
+    def damping(self, caller: str, damped: bool = True) -> Extended | None:
+        """Derivative C of all forces by the rates, without equations; with damping if that counts.
 
         None without any; errors name the `caller`.
         """
@@ -144,11 +154,13 @@ class Linearisation:
         for dt in (INSTANT, 2 * INSTANT):
             equations.begin(instant(start.t, dt), start)
             equations.at_start(np.zeros(model.size))
-            tangents.append(equations.tangent())
+            tangents.append(equations.extended())
         model.forms.set_load(1.0)
-        C = (2 * INSTANT * (tangents[0] - tangents[1])).tocsr()
-        check_damping(C.data, f"{caller}: the damping at rest")
-        C.eliminate_zeros()
+        short, long = (tangent.system for tangent in tangents)
+        system = (2 * INSTANT * (short - long)).tocsr()
+        check_damping(system.data, f"{caller}: the damping at rest")
+        system.eliminate_zeros()
+        C = replace(tangents[0], system=system).without_equations
         return C if self.coriolis is None else C + self.coriolis
 
     @cached_property
@@ -168,11 +180,6 @@ class Linearisation:
         return Symmetry.of(K.alone, self.unit, sliding) or (
             not K.is_plain and Symmetry.of(self.K, self.unit[: K.free], sliding)
         )
-
-    @cached_property
-    def symmetric(self) -> scipy.sparse.csr_matrix:
-        """The symmetric part of the stiffness."""
-        return Extended(self.K, len(self.unknowns)).symmetric.system
 
     @cached_property
     def undamped_modes(self) -> UndampedModes:
@@ -287,8 +294,8 @@ def linearised(
         raise SceneError(f"{caller}: {reduction.singularity}. Take a state beside it")
     K, unknowns, G = equations.extended(), reduction.independent, None
     if frame is not None:
-        T = reduction.coupling()[:, unknowns]
-        G = (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
+        G = K.weighted(frame.gyroscopic, reduction).without_equations
+        G = G.with_data(np.sqrt(factor) * G.system.data)
     M = _without_round_off(K.weighted(model.masses.matrix, reduction), K.units(model))
     matrices = K, M, reduction.column_map, unknowns, start, frame, G
     about = Linearisation(scene, model, *matrices, 1.0 if state is None else factor, models)

@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse
 
 from fx_beam.errors import SceneError, is_flag, is_whole, require, vector
 from fx_beam.fem.frictions import bristles_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
-from fx_beam.step.sparse_lu import pivoted_lu
+from fx_beam.step.extended import Extended
 
 from .linearisation import Linearisation, linearised, split
+from .pencil import Pencil, Weighted
 
 # A root is known when inverse iteration changes it by less, relative to its size.
 _CLOSE = 1e-9
@@ -44,19 +44,22 @@ class Damped(NamedTuple):
         return Damped(*(part[..., chosen] for part in self))
 
 
-def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: float) -> Damped:
+def _not_rigid(
+    pencil: Pencil, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: float
+) -> Damped:
     """The n lowest damped modes, from undamped ones (size, m), beside rigid ones (size, k).
 
     `unit` [rad/s] has the size of the lowest angular frequency, but is no root. A Rayleigh-Ritz
     method; inverse iteration at the roots extends its subspace.
     """
-    shifted = pivoted_lu(K + unit * C + unit**2 * M)
+    K, C, M, shifted = pencil.K, pencil.C, pencil.M, pencil.at(unit)
     Z, zeros = _untouched(C, shifted, rigid, unit)
-    MZ, scale = M @ Z, (abs(K.diagonal()) + unit**2 * M.diagonal()) ** -0.5
-    relaxing = np.flatnonzero((M.diagonal() == 0) & (C.diagonal() != 0))
+    masses = M.diagonal()
+    MZ, scale = M @ Z, (abs(K.diagonal()) + unit**2 * masses) ** -0.5
+    relaxing = np.flatnonzero((masses == 0) & (C.diagonal() != 0))
     start = [undamped, shifted.solve(C @ undamped), rigid]
     apart = relaxing[: len(relaxing) * (len(relaxing) <= _RELAXING)]
-    whole = K.shape[0] <= 40 + sum(part.shape[1] for part in start)
+    whole = len(masses) <= 40 + sum(part.shape[1] for part in start)
     V = np.diag(scale) if whole else _independent(start, scale, apart)
     values: np.ndarray = np.empty(0)
     for _ in range(_ROUNDS):
@@ -73,7 +76,7 @@ def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: f
         if whole or not len(new):
             return damped
         values = damped.values
-        nearer = (_nearer(K, C, M, values[k], damped.vectors[:, k]) for k in new)
+        nearer = (_nearer(pencil, values[k], damped.vectors[:, k]) for k in new)
         V = _independent([V, *nearer], scale, apart)
     raise RuntimeError(
         f"modes: {len(new)} of {n} damped modes did not converge. Try fewer modes, or leave "
@@ -121,13 +124,12 @@ def _independent(parts: list[np.ndarray], scale: np.ndarray, apart: np.ndarray) 
     return scale[:, None] * np.column_stack([basis[:, abs(R.diagonal()) > 1e-9], alone])
 
 
-def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
+def _nearer(pencil: Pencil, root: complex, x: np.ndarray) -> np.ndarray:
     """Real and imaginary part (size, 2) after a step of inverse iteration at a root."""
     try:
-        factors = pivoted_lu((K + root * C + root**2 * M).astype(complex))
+        x = pencil.at(complex(root)).solve(2 * root * (pencil.M @ x) + pencil.C @ x)
     except RuntimeError:  # the root is exact
         return np.column_stack([x.real, x.imag])
-    x = factors.solve(2 * root * (M @ x) + C @ x)
     return np.column_stack([x.real, x.imag]) / abs(x).max()
 
 
@@ -292,20 +294,18 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     require(is_whole(n, 1), "modes: n", n, "a whole number from 1 on")
     require(is_flag(damping), "modes: damping", damping, "True or False")
     about = linearised(scene, state, "modes")
-    omega, rigid, ratios, roots, vectors = lowest_modes(
-        about, about.damping_matrix("modes", damping), n
-    )
+    omega, rigid, ratios, roots, vectors = lowest_modes(about, about.damping("modes", damping), n)
     shapes = about.at_nodes(vectors)
     return modes_of(about.model, about.start.q, shapes, omega, rigid, ratios, roots)
 
 
-def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
+def lowest_modes(about: Linearisation, C: Extended | None, n: int):
     """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes.
 
-    C (free, free) is the derivative of the forces by the rates; None for none.
+    C is the derivative of the forces by the rates; None for none.
     """
     undamped = about.undamped_modes
-    if C is not None and not abs(C).max():
+    if C is not None and not abs(C.system).max():
         C = None
     if not about.has_potential:
         return _following(about, C, n)
@@ -314,44 +314,47 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
         return omega, rigid, np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega), vectors
     # All rigid and unstable modes, some that are neither, and more in which damping may show:
     # Coriolis forces may carry what is unstable without them.
-    M, count = about.M, 2 * n + 10
+    count = 2 * n + 10
     while True:
         omega, rigid, vectors = undamped.lowest(count)
         if (omega > 0).sum() > n // 2 or len(omega) < count:
             break
         count *= 2
     unit = 0.7 * abs(omega[~rigid]).min(initial=np.inf)
+    pencil = Pencil(about.stiffness.symmetric, C, about.inertia)
     if np.isinf(unit):
-        unit = abs(C.diagonal()).max() / M.diagonal().max()
+        unit = abs(pencil.C.diagonal()).max() / pencil.M.diagonal().max()
     still = vectors[:, rigid]
-    damped = _not_rigid(about.symmetric, C, M, n, vectors[:, ~rigid], still, unit)
-    return _in_order(damped, M, still, n)
+    damped = _not_rigid(pencil, n, vectors[:, ~rigid], still, unit)
+    return _in_order(damped, pencil.M, still, n)
 
 
-def _following(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
+def _following(about: Linearisation, C: Extended | None, n: int):
     """The n lowest modes under forces without a potential: two modes may flutter."""
-    K, M, none = about.K, about.M, np.empty((about.K.shape[0], 0))
+    K, none = about.stiffness, np.empty((len(about.unknowns), 0))
+    undamped = K.without_equations.with_data(0 * K.without_equations.system.data)
     if bristles_of(about.model.points):
         raise SceneError(
             "modes: the stiffness is not symmetric, since a load depends on the motion beside "
             "friction, or friction slips, or sticks to what is round or bends: small motions there "
             "and back differ. Simulate the scene, linearise it, or remove the friction"
         )
-    _check_held(K)
+    pencil = Pencil(K, undamped if C is None else C, about.inertia)
+    _check_held(K, np.sqrt(abs(pencil.K.diagonal())))
     # The modes of the symmetric part begin the subspace.
     omega, _, start = about.undamped_modes.lowest(2 * n + 10)
     unit = 0.7 * abs(omega[omega != 0]).min()
-    damped = _not_rigid(K, 0 * K if C is None else C, M, n, start, none, unit)
+    damped = _not_rigid(pencil, n, start, none, unit)
     if C is None:  # what neither grows nor decays but for round-off
         ratios, roots = damped.ratios, damped.values
-        noise = _rounding(K, 0 * K, damped) / abs(roots)
+        noise = _rounding(pencil.K, pencil.C, damped) / abs(roots)
         still = (roots.imag != 0) & (abs(ratios) <= noise)
         roots = np.where(still, 1j * damped.frequencies, roots)
         damped = damped._replace(ratios=np.where(still, 0.0, ratios), values=roots)
-    return _in_order(damped, M, none, n)
+    return _in_order(damped, pencil.M, none, n)
 
 
-def _in_order(damped: Damped, M: scipy.sparse.csr_matrix, rigid: np.ndarray, n: int):
+def _in_order(damped: Damped, M: Weighted, rigid: np.ndarray, n: int):
     """The n lowest of damped modes and of rigid ones (size, k), as of `lowest_modes`."""
     # The phase in which the imaginary part of a vector is smallest.
     vectors = damped.vectors
@@ -364,15 +367,16 @@ def _in_order(damped: Damped, M: scipy.sparse.csr_matrix, rigid: np.ndarray, n: 
     return omega[order], order < len(zeros), ratios[order], roots[order], vectors
 
 
-def _check_held(K: scipy.sparse.csr_matrix) -> None:
-    """SceneError if a part moves freely: its double root at zero would not be found exactly."""
-    scale = np.sqrt(abs(K.diagonal()))
+def _check_held(K: Extended, scale: np.ndarray) -> None:
+    """SceneError if a part moves freely: its double root at zero would not be found exactly.
+
+    `scale` (free,) has roots of stiffnesses.
+    """
     scale[scale == 0] = 1.0
     x = np.random.default_rng(0).standard_normal(len(scale))
     try:
-        factors = pivoted_lu(K)
         for _ in range(3):  # inverse iteration
-            x = scale * factors.solve(scale * x / np.linalg.norm(x))
+            x = scale * K.solve(scale * x / np.linalg.norm(x))
     except RuntimeError:  # a pivot is zero
         x = np.array([np.inf])
     if not np.linalg.norm(x) < 1 / _SINGULAR:

@@ -72,7 +72,7 @@ class Extended:
         """T^T W T of the same kind."""
         if not self.is_plain:
             equations, weights = self.system, reduction.reduced(weight)
-            equations = equations - self.only(np.ones(len(self.rows))).system
+            equations = equations - self.without_equations.system
             if len(self.order):
                 weights = weights[self.order][:, self.order]
             return replace(self, system=(equations + weights).tocsr())
@@ -139,6 +139,11 @@ class Extended:
         parts = scipy.sparse.diags(row) @ self.system @ scipy.sparse.diags(column)
         return replace(self, system=parts.tocsr())
 
+    @property
+    def without_equations(self) -> Extended:
+        """A of x, u and d alone."""
+        return self if self.is_plain else self.only(np.ones(len(self.rows)))
+
     def scaled(self, scale: np.ndarray) -> Extended:
         """The same for x, u and d of other units; zeros stay."""
         row, column = np.ones((2, self.system.shape[0]))
@@ -170,19 +175,49 @@ class Extended:
     def __add__(self, other: Extended) -> Extended:
         return replace(self, system=(self.system + other.system).tocsr())
 
+    @cached_property
+    def _equations(self) -> tuple[SuperLU, scipy.sparse.csr_matrix]:
+        """Factors of the equations of u and d, and their columns of x."""
+        rows = np.append(self._first, self.closing + len(self.acts_on))
+        equations = self.system[rows].tocsc()
+        behind = np.append(self._first, self.closing)
+        return splu(equations[:, behind]), equations[:, : self.free].tocsr()
+
+    def spread(self, x: np.ndarray) -> np.ndarray:
+        """Small changes (n, ...) of x, u and d, which follow x (free, ...)."""
+        if self.is_plain:
+            return x
+        factors, equations = self._equations
+        return np.concatenate([x, -_solved(factors, equations @ x)])
+
+    def collected(self, forces: np.ndarray) -> np.ndarray:
+        """Forces (free, ...) on x of those (n, ...) on x, u and d."""
+        if self.is_plain:
+            return forces
+        factors, equations = self._equations
+        passed_on = equations.T @ _solved(factors, forces[self.free :], "T")
+        return forces[: self.free] - passed_on
+
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
         """T^T A T x (free, n)."""
-        S, free = self.system, self.free
-        if self.is_plain:
-            return S @ x
-        followed = splu(S[free:, free:].tocsc()).solve(S[free:, :free] @ x)
-        return S[:free, :free] @ x - S[:free, free:] @ followed
+        return self.collected(self.alone @ self.spread(x))
 
     @cached_property
     def _factors(self) -> SuperLU:
         return pivoted_lu(self.system) if self.is_plain else splu(self.system.tocsc())
 
-    def solve(self, forces: np.ndarray) -> np.ndarray:
-        """x (free, ...) for forces (free, ...); RuntimeError if it is singular."""
+    def solve(self, forces: np.ndarray, trans: str = "N") -> np.ndarray:
+        """x (free, ...) for forces (free, ...), or with "T" of the transposed matrix.
+
+        RuntimeError if it is singular.
+        """
         zeros = np.zeros((self.system.shape[0] - self.free, *forces.shape[1:]))
-        return self._factors.solve(np.concatenate([forces, zeros]))[: self.free]
+        sides = np.concatenate([forces, zeros]).astype(np.result_type(self.system, forces))
+        return self._factors.solve(sides, trans)[: self.free]
+
+
+def _solved(factors: SuperLU, sides: np.ndarray, trans: str = "N") -> np.ndarray:
+    """Solution by real factors, also of complex sides."""
+    if not np.iscomplexobj(sides):
+        return factors.solve(sides, trans)
+    return factors.solve(sides.real.copy(), trans) + 1j * factors.solve(sides.imag.copy(), trans)
