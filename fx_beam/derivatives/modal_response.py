@@ -10,8 +10,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from fx_beam.errors import SceneError, array_of, check_takes, is_flag, is_whole, require
+from fx_beam.linear.damped_pencil import DampedPencil
 from fx_beam.linear.modal import lowest_modes
-from fx_beam.linear.pencil import Pencil
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
@@ -324,7 +324,7 @@ class ModalResponse(OfParameters):
         x, lefts = vectors.T, vectors[:, left].T
         s, slope = self._modes.roots[right], 2 * self._modes.roots[right]
         if C is not None:
-            pencil, A = Pencil(about.stiffness, C, about.inertia), C.alone
+            pencil, A = DampedPencil(about.stiffness, C, about.inertia), C.alone
             if abs(A - A.T).max() > _SYMMETRIC * abs(A).max():
                 modes_of_roots = zip(s, lefts, strict=True)
                 lefts = np.array([_left_vector(pencil, *mode) for mode in modes_of_roots])
@@ -344,7 +344,7 @@ class ModalResponse(OfParameters):
         _log.warning(_REPEATED, len(group), self._modes.omega[group[0]])
 
 
-def _left_vector(pencil: Pencil, root: complex, x: np.ndarray) -> np.ndarray:
+def _left_vector(pencil: DampedPencil, root: complex, x: np.ndarray) -> np.ndarray:
     """The left vector of a mode, by inverse iteration at its root; x is the right one."""
     s = root * (1 + _BESIDE)
     factors = pencil.at(s)

@@ -125,7 +125,7 @@ class SmallMotions:
 
         Symmetric tangents are those of stiffnesses that are larger by a `tolerance`.
         """
-        extended = self.extended(state) if K is None else Extended(K, K.shape[0])
+        extended = self.extended(state) if K is None else Extended.plain(K)
         if not (free := extended.free):
             return Growing(0, 0)
         A, sliding = extended.alone, bool(self.model.couplings.sliding)
@@ -133,7 +133,7 @@ class SmallMotions:
             if not self.symmetric(K := extended.matrix):
                 pairs, real_squares = pairs_and_others(self.squares(state, K))
                 return Growing(len(pairs), int((real_squares < 0).sum()))
-            extended = Extended(K, free)
+            extended = Extended.plain(K)
         system, metric = extended.system, self.unit**-2.0
         metric = scipy.sparse.diags(np.append(metric, np.zeros(system.shape[0] - free)))
         diagonal = abs(system.diagonal()[:free])

@@ -19,8 +19,8 @@ from fx_beam.scene.outputs import Measured, Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.undamped_modes import Symmetry
 
+from .damped_pencil import DampedPencil, Weighted
 from .linearisation import Linearisation, linearised, motion_rows
-from .pencil import Pencil, Weighted
 
 # Motion per force, in the units of the equations' diagonal, at which only rounding bounds it.
 _UNBOUNDED = 1e14
@@ -187,7 +187,7 @@ class Vibration:
         if modal is not None:
             symmetric = K.symmetric.without_equations
             C = C + symmetric.with_data(modal.tau * symmetric.system.data)
-        self._pencil = Pencil(K, C, about.inertia)
+        self._pencil = DampedPencil(K, C, about.inertia)
         self._diagonals = abs(self._pencil.K.diagonal()), self._pencil.M.diagonal()
         matrices = (part.A for part in (self._pencil.K, self._pencil.C, self._pencil.M))
         sliding = bool(about.model.couplings.sliding)
@@ -311,12 +311,14 @@ class ObservedMotion:
                 raise SceneError(f"{name}: {place} has no free coordinate. Take one of its nodes")
         size, columns = model.size, model.reduction.columns
         nodes, slides = (scipy.sparse.identity(n, format="csr") for n in (size, columns))
-        no_nodes = scipy.sparse.csr_matrix((size, columns))
+        no_nodes, no_slides = (
+            scipy.sparse.csr_matrix(n) for n in ((size, columns), (columns, size))
+        )
         listed = [Measured(output) for output in outputs.values()]
         #: Names of the components; matrices that give them from the motion of all nodes (m, size),
         #: but for slides, and from the unknowns (m, free).
         self.names = tuple(outputs)
-        self.of_nodes = np.vstack([motion_rows(model, of, nodes, no_nodes.T.tocsr()) for of in listed])
+        self.of_nodes = np.vstack([motion_rows(model, of, nodes, no_slides) for of in listed])
         of_columns = np.vstack([motion_rows(model, of, no_nodes, slides) for of in listed])
         rows = zip(self.of_nodes, of_columns, strict=True)
         self.rows = np.array([about.on_unknowns(*parts) for parts in rows])

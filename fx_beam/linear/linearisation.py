@@ -97,7 +97,7 @@ class Linearisation:
     def _extended(self) -> np.ndarray:
         """Columns of the unknowns, of auxiliary ones, and of those that close loops."""
         K, auxiliary = self.stiffness, np.arange(self.model.reduction.columns, self._count)
-        return np.concatenate([self.unknowns, auxiliary, K.order[K.closing]])
+        return np.concatenate([self.unknowns, auxiliary, K.places.order[K.places.closing]])
 
     @cached_property
     def unit(self) -> np.ndarray:

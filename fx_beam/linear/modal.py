@@ -15,8 +15,8 @@ from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.extended import Extended
 
+from .damped_pencil import DampedPencil, Weighted
 from .linearisation import Linearisation, linearised, split
-from .pencil import Pencil, Weighted
 
 # A root is known when inverse iteration changes it by less, relative to its size.
 _CLOSE = 1e-9
@@ -45,7 +45,7 @@ class Damped(NamedTuple):
 
 
 def _not_rigid(
-    pencil: Pencil, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: float
+    pencil: DampedPencil, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: float
 ) -> Damped:
     """The n lowest damped modes, from undamped ones (size, m), beside rigid ones (size, k).
 
@@ -124,7 +124,7 @@ def _independent(parts: list[np.ndarray], scale: np.ndarray, apart: np.ndarray) 
     return scale[:, None] * np.column_stack([basis[:, abs(R.diagonal()) > 1e-9], alone])
 
 
-def _nearer(pencil: Pencil, root: complex, x: np.ndarray) -> np.ndarray:
+def _nearer(pencil: DampedPencil, root: complex, x: np.ndarray) -> np.ndarray:
     """Real and imaginary part (size, 2) after a step of inverse iteration at a root."""
     try:
         x = pencil.at(complex(root)).solve(2 * root * (pencil.M @ x) + pencil.C @ x)
@@ -321,7 +321,7 @@ def lowest_modes(about: Linearisation, C: Extended | None, n: int):
             break
         count *= 2
     unit = 0.7 * abs(omega[~rigid]).min(initial=np.inf)
-    pencil = Pencil(about.stiffness.symmetric, C, about.inertia)
+    pencil = DampedPencil(about.stiffness.symmetric, C, about.inertia)
     if np.isinf(unit):
         unit = abs(pencil.C.diagonal()).max() / pencil.M.diagonal().max()
     still = vectors[:, rigid]
@@ -339,7 +339,7 @@ def _following(about: Linearisation, C: Extended | None, n: int):
             "friction, or friction slips, or sticks to what is round or bends: small motions there "
             "and back differ. Simulate the scene, linearise it, or remove the friction"
         )
-    pencil = Pencil(K, undamped if C is None else C, about.inertia)
+    pencil = DampedPencil(K, undamped if C is None else C, about.inertia)
     _check_held(K, np.sqrt(abs(pencil.K.diagonal())))
     # The modes of the symmetric part begin the subspace.
     omega, _, start = about.undamped_modes.lowest(2 * n + 10)

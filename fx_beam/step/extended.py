@@ -34,14 +34,13 @@ def schur_complement(A: scipy.sparse.csr_matrix, chosen: np.ndarray) -> scipy.sp
 
 
 @dataclass(frozen=True, eq=False)
-class Extended:
-    """T^T A T (free, free), by a sparse `system` in which other unknowns are as well.
+class Places:
+    """Where unknowns x, auxiliary ones u with forces h, and those that close loops d with F are.
 
-    They are auxiliary ones u, with forces h, and those that close loops d, with forces F. In this
-    order of `Couplings.system` S (x, u, h, d, F) = (b, 0, 0, 0, 0) gives T^T A T x = b.
+    They are in this order; an auxiliary unknown and its force are beside each other.
     """
 
-    system: Any
+    size: int
     free: int
     #: `Reduction.dependent`; None without auxiliary unknowns.
     dependent: np.ndarray | None = None
@@ -49,19 +48,66 @@ class Extended:
     acts_on: np.ndarray = field(default_factory=lambda: NONE)
     order: np.ndarray = field(default_factory=lambda: NONE)
 
+    @property
+    def first(self) -> np.ndarray:
+        """Rows of the equations of auxiliary unknowns, and columns of these."""
+        return np.arange(self.free, self.size - 2 * len(self.acts_on), 2)
+
+    @property
+    def closing(self) -> np.ndarray:
+        """Rows and columns of d."""
+        return np.arange(self.size)[-2 * len(self.acts_on) : -len(self.acts_on) or 0]
+
+    @property
+    def forces(self) -> np.ndarray:
+        """Rows of the equations of loops, and columns of their forces F."""
+        return self.closing + len(self.acts_on)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Rows of the balance of forces on x, u and d."""
+        return np.concatenate([np.arange(self.free), self.first + 1, self.closing])
+
+    @property
+    def columns(self) -> np.ndarray:
+        """Columns of x, u and d."""
+        return np.concatenate([np.arange(self.free), self.first, self.closing])
+
+
+@dataclass(frozen=True, eq=False)
+class Extended:
+    """T^T A T (free, free), by a sparse `system` in which other unknowns are as well.
+
+    S (x, u, h, d, F) = (b, 0, 0, 0, 0) gives T^T A T x = b.
+    """
+
+    system: Any
+    places: Places
+
+    @classmethod
+    def plain(cls, matrix: scipy.sparse.csr_matrix) -> Extended:
+        """A matrix in which no other unknowns are."""
+        return cls(matrix, Places(matrix.shape[0], matrix.shape[0]))
+
     @classmethod
     def of(cls, system: scipy.sparse.csr_matrix, reduction: Reduction) -> Extended:
         """That of a linear system."""
-        dependent, free = reduction.dependent, reduction.free
+        dependent, free, size = reduction.dependent, reduction.free, system.shape[0]
         if reduction.loops is None:
-            return cls(system, free, dependent)
-        forces = np.arange(system.shape[0])[-len(reduction.forces) :]
+            return cls(system, Places(size, free, dependent))
+        forces = np.arange(size)[-len(reduction.forces) :]
         between = np.arange(free, forces[0])
         order = np.concatenate([reduction.independent, between, reduction.following, forces])
         place = np.argsort(order)
         acts_on = np.where(reduction.forces < 0, -1, place[reduction.forces])
         dependent = None if dependent is None else place[dependent]
-        return cls(system[order][:, order], len(reduction.independent), dependent, acts_on, order)
+        places = Places(size, len(reduction.independent), dependent, acts_on, order)
+        return cls(system[order][:, order], places)
+
+    @property
+    def free(self) -> int:
+        """Number of unknowns x."""
+        return self.places.free
 
     @property
     def is_plain(self) -> bool:
@@ -73,8 +119,8 @@ class Extended:
         if not self.is_plain:
             equations, weights = self.system, reduction.reduced(weight)
             equations = equations - self.without_equations.system
-            if len(self.order):
-                weights = weights[self.order][:, self.order]
+            if len(order := self.places.order):
+                weights = weights[order][:, order]
             return replace(self, system=(equations + weights).tocsr())
         T = reduction.coupling()[:, reduction.independent]
         return replace(self, system=(T.T @ weight @ T).tocsr())
@@ -84,37 +130,20 @@ class Extended:
         unit, independent = model.units.unknowns, model.reduction.independent
         if self.is_plain:
             return unit[independent]
-        of_auxiliary = model.units.nodes[[other.dof for other in model.couplings.auxiliaries]]
-        return np.concatenate([unit[independent], of_auxiliary, unit[self.order[self.closing]]])
-
-    @property
-    def _first(self) -> np.ndarray:
-        """Rows of the equations of auxiliary unknowns, and columns of these."""
-        return np.arange(self.free, self.system.shape[0] - 2 * len(self.acts_on), 2)
-
-    @property
-    def closing(self) -> np.ndarray:
-        """Rows and columns of d."""
-        return np.arange(self.system.shape[0])[-2 * len(self.acts_on) : -len(self.acts_on) or 0]
-
-    @property
-    def rows(self) -> np.ndarray:
-        """Rows of the balance of forces on x, u and d."""
-        return np.concatenate([np.arange(self.free), self._first + 1, self.closing])
-
-    @property
-    def columns(self) -> np.ndarray:
-        """Columns of x, u and d."""
-        return np.concatenate([np.arange(self.free), self._first, self.closing])
+        auxiliary = model.units.nodes[[other.dof for other in model.couplings.auxiliaries]]
+        closing = unit[self.places.order[self.places.closing]]
+        return np.concatenate([unit[independent], auxiliary, closing])
 
     @property
     def alone(self) -> scipy.sparse.csr_matrix:
         """A of x, u and d, without the equations between them."""
-        return self.system if self.is_plain else self.system[self.rows][:, self.columns]
+        if self.is_plain:
+            return self.system
+        return self.system[self.places.rows][:, self.places.columns]
 
     def factors(self, pattern: Pattern) -> LU:
         """Factors of such systems, without exchange of rows."""
-        return LU(pattern, self.dependent, self.acts_on)
+        return LU(pattern, self.places.dependent, self.places.acts_on)
 
     def negative_eigenvalues(self, factors: LU) -> int:
         """Their number, of a symmetric T^T A T whose `factors` were made.
@@ -122,7 +151,7 @@ class Extended:
         By Sylvester's law of inertia. Each force F adds one to those of the system.
         """
         pivots = factors.pivots
-        forces = len(self.acts_on)
+        forces = len(self.places.acts_on)
         behind = len(pivots) - 2 * forces
         return int((pivots[: self.free] < 0).sum() + (pivots[behind:] < 0).sum() - forces)
 
@@ -135,31 +164,31 @@ class Extended:
     def only(self, selected: np.ndarray) -> Extended:
         """A of some of x, u and d (n,), without equations."""
         row, column = np.zeros((2, self.system.shape[0]))
-        row[self.rows] = column[self.columns] = selected
+        row[self.places.rows] = column[self.places.columns] = selected
         parts = scipy.sparse.diags(row) @ self.system @ scipy.sparse.diags(column)
         return replace(self, system=parts.tocsr())
 
     @property
     def without_equations(self) -> Extended:
         """A of x, u and d alone."""
-        return self if self.is_plain else self.only(np.ones(len(self.rows)))
+        return self if self.is_plain else self.only(np.ones(len(self.places.rows)))
 
     def scaled(self, scale: np.ndarray) -> Extended:
         """The same for x, u and d of other units; zeros stay."""
         row, column = np.ones((2, self.system.shape[0]))
-        row[self.rows] = column[self.columns] = scale
-        pairs, forces = len(self._first), self.closing + len(self.acts_on)
-        of_auxiliary, of_closing = np.split(1 / scale[self.free :], [pairs])
-        row[self._first] = column[self._first + 1] = of_auxiliary
-        row[forces] = column[forces] = of_closing
+        places, first = self.places, self.places.first
+        row[places.rows] = column[places.columns] = scale
+        auxiliary, closing = np.split(1 / scale[self.free :], [len(first)])
+        row[first] = column[first + 1] = auxiliary
+        row[places.forces] = column[places.forces] = closing
         rows = np.repeat(np.arange(len(row)), np.diff(self.system.indptr))
         return self.with_data(self.system.data * row[rows] * column[self.system.indices])
 
     @property
     def symmetric(self) -> Extended:
         """The symmetric part of A, with the equations between x, u and d."""
-        across = np.arange(self.system.shape[0])
-        across[self._first], across[self._first + 1] = self._first + 1, self._first
+        across, first = np.arange(self.system.shape[0]), self.places.first
+        across[first], across[first + 1] = first + 1, first
         matrix, other = self.system, self.system.T.tocsr()[across][:, across]
         for part in (matrix, other):
             part.sort_indices()
@@ -178,9 +207,9 @@ class Extended:
     @cached_property
     def _equations(self) -> tuple[SuperLU, scipy.sparse.csr_matrix]:
         """Factors of the equations of u and d, and their columns of x."""
-        rows = np.append(self._first, self.closing + len(self.acts_on))
+        rows = np.append(self.places.first, self.places.forces)
         equations = self.system[rows].tocsc()
-        behind = np.append(self._first, self.closing)
+        behind = np.append(self.places.first, self.places.closing)
         return splu(equations[:, behind]), equations[:, : self.free].tocsr()
 
     def spread(self, x: np.ndarray) -> np.ndarray:
@@ -212,7 +241,7 @@ class Extended:
         RuntimeError if it is singular.
         """
         zeros = np.zeros((self.system.shape[0] - self.free, *forces.shape[1:]))
-        sides = np.concatenate([forces, zeros]).astype(np.result_type(self.system, forces))
+        sides = np.concatenate([forces, zeros]).astype(np.result_type(self.system.dtype, forces))
         return self._factors.solve(sides, trans)[: self.free]
 
 

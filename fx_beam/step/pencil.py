@@ -35,7 +35,7 @@ class Pencil:
         numbers = (part.astype(int) - 1 for part in (numbered.data.real, numbered.data.imag))
         pairs = zip((K.system, M.system), numbers, strict=True)
         self._values = [np.append(A.data, 0.0)[k] for A, k in pairs]
-        self._rows, self._columns = K.rows, K.columns
+        self._rows, self._columns = K.places.rows, K.places.columns
         self._extended, self._lu = K, K.factors((numbered.indptr, numbered.indices))
 
     def _factorise(self, x: float) -> bool:

@@ -65,7 +65,7 @@ class UndampedModes:
 
     def __init__(self, K: Any, M: Any, massive: np.ndarray | None = None):
         if not isinstance(K, Extended):
-            K, M = (Extended(matrix, matrix.shape[0]) for matrix in (K, M))
+            K, M = (Extended.plain(matrix) for matrix in (K, M))
         K = K.with_data(K.system.data * (abs(K.system.data) > _TINY))
         k, m, free = abs(K.alone.diagonal()), M.alone.diagonal(), K.free
         self._free, heavy = free, m > 0

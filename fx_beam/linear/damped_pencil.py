@@ -35,7 +35,7 @@ class Weighted:
         return (roots**2).mean(axis=1)
 
 
-class Pencil:
+class DampedPencil:
     """K + s C + s^2 M of unknowns; with `Extended` matrices, C and M without equations."""
 
     def __init__(self, K: Extended, C: Extended, M: Extended):
