@@ -347,7 +347,7 @@ def check_loops(scene: Scene, reduction: Reduction, loops: Loops) -> None:
 
 def _rank(reduction: Reduction, loops: Loops) -> tuple[int, np.ndarray, np.ndarray]:
     """Rank of the closures, combinations (n, closures) that vanish, and motions (n, unknowns)."""
-    sparse = reduction.closure_derivatives()
+    sparse = reduction.maps.closure_derivatives()
     if len(loops) > _FEW and _are_independent(sparse):
         return len(loops), np.empty((0, len(loops))), np.empty((0, sparse.shape[1]))
     G = sparse.toarray()
@@ -388,7 +388,7 @@ def _rank_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> in
         closure = loops.lengths * reduction.closures_at(y, np.zeros(reduction.driven))
         if abs(closure).max() < 1e-13 * loops.size:
             return _rank(reduction, loops)[0]
-        G = reduction.closure_derivatives().toarray()
+        G = reduction.maps.closure_derivatives().toarray()
         change = -np.linalg.lstsq(G, closure, rcond=_DEPENDENT)[0]
     return 0
 

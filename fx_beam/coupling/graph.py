@@ -486,8 +486,11 @@ class Auxiliaries:
         columns = np.concatenate([needed, auxiliary + 1, numbers, numbers + 1])
         #: What auxiliary unknowns add to the linear system: equations, forces, diagonals.
         self.in_system = SystemEntries(rows, columns, moving._replace(sign=-moving.sign).factors)
-        #: Unknowns (2, m) in the linear system: the auxiliary, and the one on which it depends.
-        self.dependent = np.array([np.append(auxiliary, auxiliary + 1), np.tile(needed, 2)])
+        #: Unknowns (2, m) in the linear system: the auxiliary, and the one on which it depends;
+        #: None without any.
+        self.dependent: np.ndarray | None = None
+        if self._count:
+            self.dependent = np.array([np.append(auxiliary, auxiliary + 1), np.tile(needed, 2)])
 
     def __len__(self):
         return self._count

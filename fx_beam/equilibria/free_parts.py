@@ -110,10 +110,10 @@ def held_for_nothing(model: Model, q: np.ndarray, K: Extended, none: float) -> n
         return np.empty(0, int)
     reduction, unit = model.reduction, model.units.nodes
     rigid = scipy.linalg.orth(rigid)
-    on_unknowns = [reduction.transpose_to_nodes(r / unit) for r in rigid.T]
+    on_unknowns = [reduction.maps.transpose_to_nodes(r / unit) for r in rigid.T]
     sides = np.array(on_unknowns)[:, reduction.independent].T
     moved = K.weighted(scipy.sparse.diags(unit**-2.0), reduction).solve(sides)
-    at_nodes = np.array([reduction.motion(x) / unit for x in moved.T]).T
+    at_nodes = np.array([reduction.maps.motion(x) / unit for x in moved.T]).T
     _, apart, parts = np.linalg.svd(at_nodes - rigid, full_matrices=False)
     together = parts[apart <= _ROUNDING**0.5].T  # joints leave them as well
     k = together.T @ moved.T @ (K @ (moved @ together))
@@ -121,6 +121,6 @@ def held_for_nothing(model: Model, q: np.ndarray, K: Extended, none: float) -> n
     neutral = rigid @ together @ parts[:, abs(stiffness) <= none]
     if not neutral.size:
         return np.empty(0, int)
-    used = model.reduction.used[model.masses.places.diagonal]
+    used = model.reduction.tangent.used[model.masses.places.diagonal]
     order = scipy.linalg.qr(neutral.T * used, mode="r", pivoting=True)[1]
     return order[: neutral.shape[1]]

@@ -131,10 +131,10 @@ def _joint_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
         return scipy.sparse.csr_matrix((len(independent),) * 2)
     r = about.slope(about.forces)
     reduction.begin(state.q, state.slides)
-    turning = np.flatnonzero(reduction.moves(arms)[independent])
+    turning = np.flatnonzero(reduction.maps.moves(arms)[independent])
 
     def project() -> np.ndarray:
-        return reduction.coupling(virtual=True)[:, independent].T @ r
+        return reduction.maps.coupling(virtual=True)[:, independent].T @ r
 
     y, driven = np.zeros(reduction.free), np.zeros(reduction.driven)
     steps = _PART * model.units.unknowns[independent]

@@ -74,7 +74,7 @@ class LoadStepper:
         if not reduced_forces.any():
             return np.zeros(model.size)
         self.motions.stiffness(state)  # the couplings are then those of this state
-        T = model.reduction.coupling()[:, : len(reduced_forces)]
+        T = model.reduction.maps.coupling()[:, : len(reduced_forces)]
         return T @ pivoted_lu(T.T @ T).solve(reduced_forces)
 
     def hold_between(self, start: float, end: float) -> None:

@@ -68,7 +68,9 @@ class PathEquations:
     def _bordered(self, indptr: np.ndarray, indices: np.ndarray) -> BorderedLU:
         reduction = self._reduction
         unit = self.model.units.unknowns[reduction.independent]
-        return BorderedLU((indptr, indices), unit, None if self._fills else reduction.dependent)
+        return BorderedLU(
+            (indptr, indices), unit, None if self._fills else reduction.auxiliaries.dependent
+        )
 
     def begin(self, start: State) -> None:
         """Set the state at the start of a step. No time passes for internal variables."""
@@ -86,7 +88,7 @@ class PathEquations:
     def spread(self, dy: np.ndarray, dload: float) -> np.ndarray:
         """Small change dD (size,) of all degrees of freedom: T (dy, dl)."""
         reduction = self._reduction
-        return reduction.to_nodes(reduction.in_columns(dy, dload * self.loop.forcing.goal))
+        return reduction.maps.to_nodes(reduction.in_columns(dy, dload * self.loop.forcing.goal))
 
     def balance(self, y: np.ndarray, load: float) -> tuple[Balance, np.ndarray, np.ndarray]:
         """R(y, l), and the derivatives by l of forces (size,) at nodes, and (free,) of R."""
@@ -105,8 +107,8 @@ class PathEquations:
             per_load = self.loop.equations.change(moved) - forcing.rise
             if forcing.turning is not None:
                 per_load -= forcing.turning.force(self._start.q + balance.D)
-            column = reduction.reduced_force(per_load)
-            column -= reduction.reduced_force(np.zeros_like(per_load))
+            column = reduction.maps.reduced_force(per_load)
+            column -= reduction.maps.reduced_force(np.zeros_like(per_load))
         balance.residual[: len(y)] -= (1 - self._start.t - load) * self.held
         return balance, per_load, column[: reduction.free] + self.held
 
@@ -146,13 +148,13 @@ class PathEquations:
             self.bordered, values = self._bordered(A.indptr, A.indices), A.data
         else:
             values = equations.values
-        goal, row = self.loop.forcing.goal, reduction.coupling().T @ (self.weight * normal.D)
+        goal, row = self.loop.forcing.goal, reduction.maps.coupling().T @ (self.weight * normal.D)
         corner = normal.load + row[moved] @ goal
         self.bordered.factorise(values, column[independent], row[independent], corner)
         dy, dload = self.bordered.solve(np.append(residual[independent], last))
         w = np.zeros(reduction.columns)
         w[independent], w[moved] = dy, dload * goal
-        return reduction.with_dependent(w)[:free], dload
+        return reduction.maps.with_dependent(w)[:free], dload
 
     def tangent(self, y: np.ndarray, load: float, previous: Tangent) -> Tangent:
         """Unit tangent after increments, in the direction of a previous one."""

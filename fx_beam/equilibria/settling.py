@@ -162,17 +162,17 @@ class Settling:
             x = regularised.solve(x / unit**2)
             size = float(np.linalg.norm(x / unit))
             least, x = 1 / size, x / size
-        return None if least > none else model.reduction.motion(x) / model.units.nodes
+        return None if least > none else model.reduction.maps.motion(x) / model.units.nodes
 
     def _check_forces(self, state: State) -> None:
         """SceneError if on an unknown nothing acts, not even the drag."""
         self._loop.balance(state, state.t)  # the couplings are then those of this state
         reduction = self.model.reduction
         random_drag = np.random.default_rng(0).random(len(self._weights)) * self._weights
-        drag = reduction.transpose_to_nodes(random_drag)[reduction.independent]
+        drag = reduction.maps.transpose_to_nodes(random_drag)[reduction.independent]
         if (drag == 0).any():
             first = np.arange(len(drag)) == np.argmax(drag == 0)
-            free = reduction.motion(first) / self.model.units.nodes
+            free = reduction.maps.motion(first) / self.model.units.nodes
             raise self._error(f"nothing acts on {self.where(free)}", free)
 
     def _check(self, largest: float, state: State) -> None:

@@ -68,7 +68,7 @@ class SmallMotions:
 
     def coupling(self) -> scipy.sparse.csr_matrix:
         """T (size, n): motions of all nodes by the unknowns, in the last state."""
-        return self.model.reduction.coupling()[:, self.model.reduction.independent]
+        return self.model.reduction.maps.coupling()[:, self.model.reduction.independent]
 
     def symmetric(self, K: scipy.sparse.csr_matrix) -> bool:
         """Whether the forces of a state have a potential."""

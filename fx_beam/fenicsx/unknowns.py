@@ -64,12 +64,12 @@ class SharedUnknowns:
     @property
     def T(self) -> scipy.sparse.csr_matrix:
         """Motion (size, n) of all degrees of freedom by the unknowns, at the last ones."""
-        return self._reduction.coupling()[:, self.independent]
+        return self._reduction.maps.coupling()[:, self.independent]
 
     @property
     def Tv(self) -> scipy.sparse.csr_matrix:
         """Virtual motion (size, n) of all degrees of freedom by the unknowns, at the last ones."""
-        return self._reduction.coupling(virtual=True)[:, self.independent]
+        return self._reduction.maps.coupling(virtual=True)[:, self.independent]
 
     def matrix(self, matrix: scipy.sparse.csr_matrix) -> PETSc.Mat:
         """A matrix (n, n); each process has the rows of its unknowns."""
@@ -152,7 +152,7 @@ class JointUnknowns(SharedUnknowns):
 
     def reduced_force(self, r: np.ndarray) -> np.ndarray:
         """Forces on the unknowns: Tv^T r."""
-        return self._reduction.reduced_force(r)[self.independent]
+        return self._reduction.maps.reduced_force(r)[self.independent]
 
     def assemble(
         self, values: np.ndarray, added: Matrices, y: np.ndarray, driven: np.ndarray, r: np.ndarray
@@ -193,7 +193,7 @@ class JointUnknowns(SharedUnknowns):
     def _which_turn(self) -> np.ndarray:
         """Unknowns that turn arms of joints, close loops, move beams with sliders, or slide."""
         couplings, mesh = self._reduction.couplings, self._assembly.model.mesh
-        T, loops = self._reduction.coupling(closed=False), self._reduction.loops
+        T, loops = self._reduction.maps.coupling(closed=False), self._reduction.loops
         dofs = [rotation_of(joint.a) for joint in couplings.arm_joints if joint.a is not GROUND]
         for joint in couplings.sliding:
             nodes = mesh.nodes_of(self._assembly.model.scene, joint.beam)

@@ -297,7 +297,7 @@ def linearised(
         G = K.weighted(frame.gyroscopic, reduction).without_equations
         G = G.with_data(np.sqrt(factor) * G.system.data)
     M = _without_round_off(K.weighted(model.masses.matrix, reduction), K.units(model))
-    matrices = K, M, reduction.column_map, unknowns, start, frame, G
+    matrices = K, M, reduction.maps.column_map, unknowns, start, frame, G
     about = Linearisation(scene, model, *matrices, 1.0 if state is None else factor, models)
     # The largest work of a force at a node in a unit motion of the scene [J].
     largest = max(abs(part * model.units.nodes).max() for part in (balance.f, balance.r, force))

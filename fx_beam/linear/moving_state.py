@@ -224,7 +224,7 @@ class _Coupling:
         free, moved = self._reduction.free, np.zeros(self._reduction.columns)
         moved[self.columns] = z
         self._reduction.increment(moved[:free], moved[free : free + self._reduction.driven])
-        parts = self._reduction.coupling(), self._reduction.dependence_matrix()
+        parts = self._reduction.maps.coupling(), self._reduction.maps.dependence_matrix()
         return scipy.sparse.vstack(parts, "csr")[:, self.columns]
 
     def derivatives(self, z: np.ndarray) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse.linalg
 
+from fx_beam.coupling.joint_maps import moves_alone
 from fx_beam.dual import Dual, floats, with_slopes
 from fx_beam.errors import SceneError, all_of, any_of, shown
 from fx_beam.laws.interval import INSTANT, Interval, instant
@@ -59,7 +60,7 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
     from fx_beam.step.equations import Equations
 
     reduction, still, has_mass = model.reduction, np.zeros(model.size), ~model.massless
-    shared = reduction.moves(has_mass) & ~reduction.moves_alone(has_mass)
+    shared = reduction.maps.moves(has_mass) & ~moves_alone(model.couplings, has_mass)
     equations = Equations(model, inertia=_LITTLE if shared.any() else 1.0)
     time, level = 1e-9 * dt, model.scheme.rates.level
     new, holding, away = replace(state, a=still), still, still
@@ -78,7 +79,7 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         # The stiffness is that of the scheme's level in the step.
         factors = scipy.sparse.linalg.splu((scale @ equations.tangent() @ scale).tocsc())
         w[independent] = -level * unit * factors.solve(unit * residual[independent])
-        y = reduction.with_dependent(w)[: reduction.free]
+        y = reduction.maps.with_dependent(w)[: reduction.free]
         D = reduction.increment(y, np.zeros(reduction.driven))
         turn = abs(D[model.mesh.turns]).max()
         if turn > _LONGEST_TURN:
@@ -127,7 +128,7 @@ def needs_accelerations(model: Model) -> bool:
     read = beams is not None and (beams.facts.needs_rates or beams.facts.resultants_need_rates)
     if read or not has_mean_rates or len(model.scheme.fractions) > 1:
         return True
-    return not model.reduction.moves_alone(~model.massless).all()
+    return not moves_alone(model.couplings, ~model.massless).all()
 
 
 def finds_accelerations_later(model: Model) -> bool:
@@ -183,7 +184,7 @@ class Starts:
             state = state.changed(v=v)
         else:
             w = projected_rates(model, state, state.fitted, rates)
-            v = model.reduction.to_nodes(w)
+            v = model.reduction.maps.to_nodes(w)
             lost = model.masses.matrix @ (state.fitted - v)
             driven_work = -float(lost @ v) if model.couplings.driven else 0.0
             state = state.changed(v=v, work=state.work + driven_work, fitted=None)
@@ -282,15 +283,15 @@ class Starts:
             f = (internal_force(h) + internal_force(-h)) / 2
         else:
             f = internal_force(INSTANT * dt)
-        force = loads[0] - f - mass @ (reduction.to_nodes(a) + curved)
-        b = -reduction.reduced_force(-force)[:free]
+        force = loads[0] - f - mass @ (reduction.maps.to_nodes(a) + curved)
+        b = -reduction.maps.reduced_force(-force)[:free]
         a[:free], rest = accelerations(model, b)
         # A load that grows from zero has a little of its first step already.
         node_units, unknown_units = model.units.nodes, model.units.unknowns
         works = b * unknown_units, *(part * node_units for part in (force, *loads))
         largest = max(abs(work).max(initial=0.0) for work in works)
         left = abs(rest * unknown_units).max(initial=0.0)
-        return reduction.to_nodes(a) + curved, bool(left > _NONE * largest)
+        return reduction.maps.to_nodes(a) + curved, bool(left > _NONE * largest)
 
 
 def end_of(start: Solution) -> State:
@@ -379,7 +380,7 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
     v = state.v.copy() if moves else floats(given_velocity(model))
     project = scene.projects_velocities
     w = (projected_rates if project else rates_of_columns)(model, state, v, driven)
-    compatible = model.reduction.to_nodes(w)
+    compatible = model.reduction.maps.to_nodes(w)
     if project or (not scene.prescribed and all_of(compatible == v)):
         return w, compatible
     unit = [1.0, 1.0, 1 / model.mesh.size]
@@ -392,7 +393,7 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
             raise SceneError(_message(model, key, v, compatible, ", or not given"))
     v[model.prescribed] = compatible[model.prescribed]
     # Rates of driven motion are finite differences, hence the second tolerance.
-    driven_v = model.reduction.to_nodes(_driven_rates(model, driven))
+    driven_v = model.reduction.maps.to_nodes(_driven_rates(model, driven))
     speed, driven_speed = (abs(rates.reshape(-1, 3) / unit).max() for rates in (v, driven_v))
     tolerance = 1e-9 * speed + 1e-5 * driven_speed
     if gap.max() > tolerance:
@@ -420,7 +421,7 @@ def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarr
         slides[number] = joint.kinematics.rate(motion, state.slides[number])
     w = _driven_rates(model, driven)
     w[: model.reduction.free] = model.couplings.unknowns(v, slides)
-    return model.reduction.with_dependent(w)
+    return model.reduction.maps.with_dependent(w)
 
 
 def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:

@@ -91,7 +91,7 @@ class Variables:
         independent = np.concatenate([reduction.independent, np.arange(free, len(scale))])
         y, n = len(reduction.independent), len(independent)
         matrix = np.zeros((len(scale), n))
-        columns = reduction.dependence_matrix().toarray()[:free, independent[:y]]
+        columns = reduction.maps.dependence_matrix().toarray()[:free, independent[:y]]
         columns = columns * scale[independent[:y]]
         matrix[:free, :y], matrix[independent[y:], np.arange(y, n)] = columns, scale[free:]
         rows = matrix.T
@@ -101,7 +101,7 @@ class Variables:
         first = self.movable
         for name, size in self.inside.items():
             changes[name], first = rows[:, first : first + size], first + size
-        spread = reduction.coupling()[:, independent[:y]].toarray() * scale[independent[:y]]
+        spread = reduction.maps.coupling()[:, independent[:y]].toarray() * scale[independent[:y]]
         changes["q"] = np.vstack([spread.T, np.zeros((n - y, model.size))])
         return Directions(changes, matrix / scale[:, None], independent, scale)
 

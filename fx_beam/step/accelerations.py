@@ -33,7 +33,7 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
     elif not reduction.couplings.sliding and len(reduction.auxiliaries):
         a = _with_auxiliaries(model, force)
     if a is None:
-        T = reduction.coupling_array() if model.size <= _SMALL else reduction.coupling()
+        T = reduction.maps.coupling_array() if model.size <= _SMALL else reduction.maps.coupling()
         M, unit = (T.T @ (model.masses.matrix @ T))[:n, :n], model.units.unknowns
         a = acceleration_of(M, force, unit)
     return a, force - _inertia(model, a)
@@ -42,8 +42,8 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _inertia(model: Model, a: np.ndarray) -> np.ndarray:
     """Generalised forces (free,) of accelerations of the unknowns (free,)."""
     reduction = model.reduction
-    of_nodes = model.masses.matrix @ reduction.to_nodes(reduction.in_columns(a))
-    return reduction.transpose_to_nodes(of_nodes)[: reduction.free]
+    of_nodes = model.masses.matrix @ reduction.maps.to_nodes(reduction.in_columns(a))
+    return reduction.maps.transpose_to_nodes(of_nodes)[: reduction.free]
 
 
 def _of_equal(model: Model, force: np.ndarray) -> np.ndarray | None:
@@ -64,8 +64,8 @@ def _of_equal(model: Model, force: np.ndarray) -> np.ndarray | None:
 
 def _with_auxiliaries(model: Model, force: np.ndarray) -> np.ndarray | None:
     """By the system with auxiliary unknowns, without unknowns that move no mass and no loop."""
-    n, still = model.reduction.free, ~model.reduction.moves(model.masses.matrix.diagonal() > 0)
-    matrix = model.reduction.normal(model.masses.matrix)
+    n, still = model.reduction.free, ~model.reduction.maps.moves(model.masses.matrix.diagonal() > 0)
+    matrix = model.reduction.maps.normal(model.masses.matrix)
     moving = np.append(~still, np.ones(matrix.shape[0] - n, dtype=bool))
     matrix = scipy.sparse.diags(1.0 * moving) @ matrix + scipy.sparse.diags(1.0 * ~moving)
     b = np.zeros(matrix.shape[0])
@@ -114,7 +114,7 @@ def _iterated(model: Model, force: np.ndarray) -> np.ndarray | None:
 
     Scaled by its diagonal, the mass of a mesh has a condition number below ten.
     """
-    diagonal = model.reduction.transpose_to_nodes(model.masses.matrix.diagonal())[: len(force)]
+    diagonal = model.reduction.maps.transpose_to_nodes(model.masses.matrix.diagonal())[: len(force)]
     scale = np.zeros(len(force))
     scale[diagonal > 0] = diagonal[diagonal > 0] ** -0.5
     x, r = np.zeros(len(force)), scale * force

@@ -142,7 +142,7 @@ class Equations:
 
             A = without_border(A, storage.bordering_entries(self._problem), storage.border)
         if (members := self.model.points.members) is not None:
-            A = (A + reduction.reduced(members.tangent())).tocsr()
+            A = (A + reduction.maps.reduced(members.tangent())).tocsr()
         return A
 
     def tangent(self) -> scipy.sparse.csr_matrix:

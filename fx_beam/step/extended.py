@@ -92,7 +92,7 @@ class Extended:
     @classmethod
     def of(cls, system: scipy.sparse.csr_matrix, reduction: Reduction) -> Extended:
         """That of a linear system."""
-        dependent, free, size = reduction.dependent, reduction.free, system.shape[0]
+        dependent, free, size = reduction.auxiliaries.dependent, reduction.free, system.shape[0]
         if reduction.loops is None:
             return cls(system, Places(size, free, dependent))
         forces = np.arange(size)[-len(reduction.forces) :]
@@ -117,12 +117,12 @@ class Extended:
     def weighted(self, weight: scipy.sparse.csr_matrix, reduction: Reduction) -> Extended:
         """T^T W T of the same kind."""
         if not self.is_plain:
-            equations, weights = self.system, reduction.reduced(weight)
+            equations, weights = self.system, reduction.maps.reduced(weight)
             equations = equations - self.without_equations.system
             if len(order := self.places.order):
                 weights = weights[order][:, order]
             return replace(self, system=(equations + weights).tocsr())
-        T = reduction.coupling()[:, reduction.independent]
+        T = reduction.maps.coupling()[:, reduction.independent]
         return replace(self, system=(T.T @ weight @ T).tocsr())
 
     def units(self, model: Model) -> np.ndarray:

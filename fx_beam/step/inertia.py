@@ -43,16 +43,16 @@ def mobility(
     nodes slide on beams.
     """
     scene, couplings, size = data.scene, reduction.couplings, mesh.dofs.size
-    arms = reduction.arms.copy()
-    reduction.set_arms(couplings.moving_in(scene))
+    arms = reduction.joints.arms.copy()
+    reduction.joints.set_arms(couplings.moving_in(scene))
     reduction.begin(np.zeros(size), slides_at_start(scene))
     closed = not reduction.singularity
     # Operations on small arrays are quick, those on sparse ones take 0.1 ms.
     if size <= _SMALL:
-        T = reduction.coupling_array(closed)[:, : couplings.free]
+        T = reduction.maps.coupling_array(closed)[:, : couplings.free]
     else:
-        T = scipy.sparse.csr_array(reduction.coupling(closed)[:, : couplings.free])
-    reduction.arms[...] = arms
+        T = scipy.sparse.csr_array(reduction.maps.coupling(closed)[:, : couplings.free])
+    reduction.joints.arms[...] = arms
     if not (couplings.is_selection or couplings.sliding):
         roots = np.isin(np.arange(couplings.free), couplings.column[mesh.dofs[:, :2]])
         T = about_centres(T, roots, mass.diagonal())

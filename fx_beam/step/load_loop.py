@@ -48,7 +48,7 @@ class LoadLoop(CompiledLoop):
         free = model.reduction.free
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
-        used = model.reduction.used[diagonal := model.masses.places.diagonal]
+        used = model.reduction.tangent.used[diagonal := model.masses.places.diagonal]
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
         self.drag_weight = np.where(used, model.units.nodes**-2.0, 0.0)
         statics = {"hold": self.hold, "viscous_weight": self.drag_weight}

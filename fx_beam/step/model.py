@@ -11,7 +11,7 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.coupling.graph import Auxiliaries, couple, motors
-from fx_beam.coupling.reduction import Reduction, begin_to_build_joints
+from fx_beam.coupling.reduction import Reduction
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Forms
@@ -57,6 +57,8 @@ class Model:
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
         if not all(joint.is_selection for joint in scene.joints):
+            from fx_beam.coupling.configuration import begin_to_build_joints
+
             begin_to_build_joints()
         X = self.mesh.positions_of(scene)
         form_numbers = form_data(scene, self.mesh, X, scheme.rates)
@@ -130,9 +132,9 @@ class Model:
         if elsewhere:
             self.units = Units(self.mesh, self.couplings)
         if self.couplings.arm_joints:
-            self.reduction.set_arms(self.couplings.moving_in(data.scene))
+            self.reduction.joints.set_arms(self.couplings.moving_in(data.scene))
         if self.couplings.gears:
-            self.reduction.set_gears(data.scene)
+            self.reduction.joints.set_gears(data.scene)
         self.forms.bind(data.forms)
         # In statics without joints and forces between nodes places alone tell mechanisms.
         scene = data.scene
@@ -156,7 +158,7 @@ class Model:
         self.reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
         # Those that are equal have equal rates, whatever those of the columns are.
         rates = np.random.default_rng(0).random(self.reduction.columns)
-        rates = self.reduction.to_nodes(rates)
+        rates = self.reduction.maps.to_nodes(rates)
         return ~np.isin(rates, rates[heavy])
 
     def _build_reduction(self) -> None:
@@ -205,21 +207,22 @@ class Model:
             entries = np.append(entries, self.masses.places.diagonal[little > 0])
         used = self.forms.used_entries(entries, self.scheme.rates.user_defined)
         auxiliaries = Auxiliaries(self.couplings)
-        parts = (
-            self.couplings,
-            auxiliaries,
-            self.forms.compiled_points,
-            self.scheme.rates,
-            matrix,
-            used,
-        )
         loops = None
         if self.couplings.closures and sliders is not None:
             from fx_beam.coupling.loops import Loops
 
             loops = Loops(self.couplings, auxiliaries, self.units.unknowns, sliders)
-        self.reduction = Reduction(*parts, sliders, loops)
-        self.reduction.set_gears(scene)
+        self.reduction = Reduction(
+            couplings=self.couplings,
+            auxiliaries=auxiliaries,
+            compiled_points=self.forms.compiled_points,
+            rates=self.scheme.rates,
+            matrix=matrix,
+            used=used,
+            sliders=sliders,
+            loops=loops,
+        )
+        self.reduction.joints.set_gears(scene)
         made_later = any(joint.place for joint in scene.joints) or any(g.value for g in scene.gears)
         if loops is not None and not made_later:
             from fx_beam.coupling.determinacy import check_loops

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.coupling.graph import motors
-from fx_beam.coupling.reduction import numbers_of_gears
+from fx_beam.coupling.joints_in_c import numbers_of_gears
 from fx_beam.dual import dual_array, floats
 from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
 from fx_beam.fem.scene_data import Arms, Data, form_data

@@ -80,7 +80,7 @@ class SceneNumbers:
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
         model, kind = self._model, self._storage.kind
-        of_joints = model.reduction.offsets_and_axes
+        of_joints = model.reduction.joints.offsets_and_axes
         numbers = {f"joints.{name}": values for name, values in of_joints.items()}
         numbers["loads.force"] = floats(model.data.loads.entries)
         if masses:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
-from fx_beam.coupling.reduction import ReducedTangent, Reduction
+from fx_beam.coupling.reduced_tangent import ReducedTangent
+from fx_beam.coupling.reduction import Reduction
 from fx_beam.fem.sparsity import blocks_with, starts_of
 
 from .lu_layout import COSTS, GROUP, NONE, Factors, factors_of, graph_of, groups_of
@@ -84,7 +85,7 @@ class TangentStorage:
         """Hand over the couplings, and find the storage index of each entry of both tangents."""
         p, reduction, factors = problem.c, self.model.reduction, self.factors
         on_border = problem.constants.ON_BORDER
-        problem.set(**reduction.members)
+        problem.set(**reduction.joints.members)
         places, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.tangent.pattern
@@ -173,7 +174,7 @@ class TangentStorage:
         """
         reduction, couplings = self.model.reduction, self.model.couplings
         graph = graph_of(*reduction.tangent.pattern)
-        groups = groups_of(graph, reduction.dependent, reduction.forces)
+        groups = groups_of(graph, reduction.auxiliaries.dependent, reduction.forces)
         if bordering is not None:
             groups = with_bordering_rows(groups, bordering)
         system = *couplings.system, problem.constants.ON_BORDER
@@ -208,7 +209,7 @@ class TangentStorage:
         keep = keep and not self.inside
         # In statics the signs of pivots tell modes.
         sparse = members or self.inside or self.model.scheme.rates.at_rest
-        behind = reduction.dependent, reduction.forces
+        behind = reduction.auxiliaries.dependent, reduction.forces
         parts = self.is_large and not self.inside
         symmetric = (
             self.model.scheme.rates.at_rest
@@ -264,10 +265,10 @@ def alone_in_column(reduction: Reduction) -> np.ndarray:
     row, column, value, sign = reduction.couplings.all_entries
     equal = (value == 0) & (sign == 1) & (column < reduction.free)
     single = np.bincount(row)[row] * np.bincount(column)[column] == 1
-    alone = np.zeros(reduction.members["dofs"], dtype=bool)
+    alone = np.zeros(reduction.joints.members["dofs"], dtype=bool)
     alone[row[equal & single]] = True
     for name in ("auxiliary", "loops"):
-        if "column" in (members := reduction.members[name]):
+        if "column" in (members := reduction.joints.members[name]):
             alone[np.isin(reduction.couplings.column, members["column"])] = False
     return alone
 
