@@ -141,11 +141,14 @@ class _Nearest:
         """Forces (size,) on all sums, with what changes of the places add."""
         place, place0 = self.place, self.place_at_start
         half = [x / 2 for x in arm_forces]
-        vectors = (
-            *(arm_forces, tangent_forces, add(u_forces, place, add(half, 1.0, tangent_forces))),
+        vectors = [
+            arm_forces,
+            tangent_forces,
+            add(u_forces, place, add(half, 1.0, tangent_forces)),
             add(w_forces, place0, add(half, -1.0, tangent_forces)),
-            *([place0 * x for x in w_forces], [self._slope_place * x for x in u_forces]),
-        )
+            [place0 * x for x in w_forces],
+            [self._slope_place * x for x in u_forces],
+        ]
         return [x for vector in vectors for x in vector][:size]
 
 

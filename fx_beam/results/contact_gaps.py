@@ -30,7 +30,8 @@ def columns_of(contacts: Iterable[Contact]) -> dict[int, slice]:
     """Columns of recorded forces by the number of a contact; contacts of members come last."""
     columns, end = dict[int, slice](), 0
     for contact in sorted(contacts, key=lambda contact: isinstance(contact.shape, Beam)):
-        columns[contact.number] = slice(end, end := end + len(contact.points.lengths))
+        first, end = end, end + len(contact.points.lengths)
+        columns[contact.number] = slice(first, end)
     return columns
 
 

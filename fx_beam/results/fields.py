@@ -81,7 +81,8 @@ def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
     parameters = [dict(zip(names, row_points, strict=True)) for row_points in values]
     density, end = np.empty(strains.shape[1:]), 0
     for beam in solution.beams.values():
-        cells = slice(end, end := end + beam.elements)
+        first, end = end, end + beam.elements
+        cells = slice(first, end)
         beam_strains, energy = strains[:, :, cells], beam.section.strain_energy
         if energy is None:
             fractions = arc_lengths(beam, gauss_rule(beam.degree)[0]) / beam.length

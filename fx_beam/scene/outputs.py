@@ -227,9 +227,10 @@ class Measured:
 
     def __init__(self, output: Output):
         place: Any = output.of
+        quantity = quantity_of(output)
         #: The output, and where it is measured.
         self.output, self.place = output, place
-        self.name, self.quantity = output.quantity, (quantity := quantity_of(output))
+        self.name, self.quantity = output.quantity, quantity
         count, component = len(quantity.components), output.component
         index = None if component is None else quantity.components.index(component)
         #: The component, or all of them.

@@ -1173,12 +1173,11 @@ class Scene:
         """
         from .shaking import Shaking, acceleration
 
-        accelerations = {"x": x, "y": y}
-        base = {
-            name: loads.Load(kind := f"shaking along {name}", None, acceleration(value, kind))
-            for name, value in accelerations.items()
-            if value is not None
-        }
+        base = {}
+        for name, value in (("x", x), ("y", y)):
+            if value is not None:
+                kind = f"shaking along {name}"
+                base[name] = loads.Load(kind, None, acceleration(value, kind))
         require(bool(base), "shake: x, y", None, "an acceleration [m/s^2] for one of them at least")
         self.loads += base.values()
         return Shaking(**base)
