@@ -93,14 +93,26 @@ class StepStart(NamedTuple):
 
     def batch(self, t: float, length: float, D: np.ndarray, parameters: np.ndarray) -> StepBatch:
         """The one step from here with an increment D (size,) and the values of `parameters`."""
-        q_previous = self.q if self.q_previous is None else self.q_previous
-        internal = _NONE if self.internal is None else self.internal
-        strains = self.natural or (_NONE, _NONE)
-        arrays = D, self.q, self.v, self.a, q_previous, internal, *strains
-        rows = (x.reshape(1, -1) if x.size else _NONE for x in (*arrays, parameters))
-        D, q, v, a, q_previous, internal, natural, natural_end, values = rows
-        step = np.array([t]), np.array([length]), D, q, v, a, q_previous, internal, natural
-        return StepBatch(*step, natural_end, np.array([self.memory]), values)
+        natural, natural_end = self.natural or (None, None)
+        return StepBatch(
+            t=np.array([t]),
+            dt=np.array([length]),
+            D=_row(D),
+            q=_row(self.q),
+            v=_row(self.v),
+            a=_row(self.a),
+            q_previous=_row(self.q if self.q_previous is None else self.q_previous),
+            internal=_row(self.internal),
+            natural=_row(natural),
+            natural_end=_row(natural_end),
+            memory=np.array([self.memory]),
+            parameters=_row(parameters),
+        )
+
+
+def _row(values: np.ndarray | None) -> np.ndarray:
+    """The one row (1, n) of a batch; empty for nothing."""
+    return _NONE if values is None or not values.size else values.reshape(1, -1)
 
 
 class StepBatch(NamedTuple):
