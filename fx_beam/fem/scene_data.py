@@ -131,9 +131,9 @@ def at_points(
     forces, pairs = list[PointForce](), list[Any]()
     parts = scene.joints, scene.forces_between, scene.loads, scene.contacts, scene.drags
     if any(parts) or scene.dampings:
-        from .scene_forces import point_forces
+        from .scene_forces import SceneForces
 
-        forces = point_forces(scene, mesh, X, mobility, at_rest)
+        forces = SceneForces(scene, mesh, X, mobility, at_rest).all()
     if any(isinstance(obstacle.shape, Beam) for obstacle in scene.contacts):
         from .member_contacts import member_pairs
 
