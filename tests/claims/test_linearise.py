@@ -235,6 +235,21 @@ def test_a_state_of_motion_is_the_deviation_that_feedback_needs():
     assert system.deviation(motion.state) == pytest.approx(system.deviation(motion), abs=1e-12)
 
 
+def test_a_force_that_follows_pushes_along_the_section_of_the_state():
+    """Of a bent cantilever: what it moves slowly is the difference of equilibria."""
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
+    scene, beam = clamped_bar((1, 0), section, elements=4, load=(0.0, -2.0))
+    scene.add_force(beam.end, fb.Input("push", factor=(1, 0)), follower=True)
+    bent = fb.static(scene, load_steps=4)
+    assert bent.rotation(beam.end)[-1] < -0.5
+    outputs = {"tip": fb.Output("position", beam.end)}
+    system = fb.linearise(scene, bent, inputs=["push"], outputs=outputs)
+    gain = system.D - system.C @ np.linalg.solve(system.A, system.B)
+    ends = (fb.static(scene, load_steps=4, inputs={"push": x}) for x in (1e-3, -1e-3))
+    above, below = (state.position(beam.end)[-1] for state in ends)
+    assert gain[:, 0] == pytest.approx((above - below) / 2e-3, rel=1e-5)
+
+
 def test_the_rate_of_a_massless_node_on_which_an_input_acts_is_refused():
     scene, beam = pinned_bar((1, 0), section(rhoI=0.0, retardation=0.0), elements=2)
     scene.add_moment(beam.start, fb.Input("torque"))

@@ -59,7 +59,7 @@ def loop():
     return c_library.load("three", "", lambda: "double three(void) { return 3; }", loader)
 
 
-KINDS = pytest.mark.parametrize("of", [form, loop])
+KINDS = pytest.mark.parametrize("kind", [form, loop])
 
 
 def library_in(folder):
