@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scenes import assert_refused, held_body
+from scenes import assert_refused, held_body, one_bar
 from scipy.optimize import brentq
 
 import fx_beam as fb
@@ -166,6 +166,19 @@ def test_a_strut_of_a_spring_on_a_side_spring_buckles_at_its_stiffness_times_its
     scene.add_force_between(node, (3.0, 2.0), spring=fb.Spring(7.0, rest=3.0))
     scene.add_force(node, (0, -1.0))
     assert fb.buckling(scene).load_factors == pytest.approx([14.0], rel=1e-7)
+
+
+def test_a_force_across_a_rod_couples_its_stretch_with_its_turn():
+    """K of stretch e and turn psi, with an inclined spring: N psi^2 - 2 Q e psi by the forces."""
+    EA, turning, inclined = 100.0, 2.0, 3.0
+    scene, rod = one_bar((1, 0), fb.Section(EA=EA, GA=1e9, EI=1e9), elements=1, load=(0.0, 1.0))
+    scene.add_joint(fb.Revolute(fb.GROUND, rod.start, spring=fb.Spring(turning)))
+    scene.add_spring(rod.end, x=fb.Spring(inclined), axis=(1, 1))
+    K = np.diag([EA, turning]) + inclined / 2
+    N, Q = np.linalg.solve(K, [0.0, 1.0]) * (EA, turning)
+    factors = 1 / np.linalg.eigvals(np.linalg.solve(K, [[0.0, Q], [Q, -N]])).real
+    lowest = factors[factors > 0].min()
+    assert fb.buckling(scene, n=1).load_factors[0] == pytest.approx(lowest, rel=1e-6)
 
 
 def test_a_body_on_two_columns_buckles_as_a_portal_with_a_rigid_girder():
