@@ -1,4 +1,4 @@
-"""What a response has: an analysis, whose rows, tape and numbers give outputs and derivatives."""
+"""Analysis of a response: its rows, tape and numbers give outputs and derivatives."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Analysis:
         return numbers
 
     def known_numbers(self) -> dict[str, np.ndarray]:
-        """The same numbers of the last scene."""
+        """Numbers of the last scene that its outputs read."""
         outputs = self.outputs
         numbers = self.numbers_of_outputs(self.parameters.scene, outputs, outputs)
         if self.start_accelerations is not None:

@@ -71,7 +71,7 @@ class BuiltScenes:
     """The scenes that a function gives for numbers, and derivatives of what they are made of."""
 
     def __init__(self, scene_at: Callable[[Any], Scene]):
-        self._at = scene_at
+        self._scene_at = scene_at
         # Numbers of which it was said that differences of `build` are inaccurate.
         self._told: set[int] = set()
         #: Why there are differences by some of the numbers, by their indices.
@@ -88,7 +88,7 @@ class BuiltScenes:
         self._calls, self._last_x = 0, np.empty(0)
 
     def serve(self, x: np.ndarray, compute: Callable[[Any], _Result], dual: bool) -> _Result:
-        """What a function computes from the scene of x.
+        """Result of a function of the scene of x.
 
         The scene has slopes, and serves derivatives as well, if it may be `dual` and derivatives
         were asked for after the last call.
@@ -114,26 +114,31 @@ class BuiltScenes:
         self._last_x = x
         # Before other scenes are built, which may change parts that they share with this one.
         earlier = {} if self._checked or self._is_dual else numbers_of(known, np.zeros(len(x)))
-        at_x, by_name = self._slopes(x, known, numbers_of)
+        values_at_x, by_name = self._slopes(x, known, numbers_of)
         for name, values in earlier.items():
-            gap, size = abs(at_x[name] - values).max(initial=0.0), abs(values).max(initial=0.0)
+            gap, size = (
+                abs(values_at_x[name] - values).max(initial=0.0),
+                abs(values).max(initial=0.0),
+            )
             if gap > _SAME * size:
                 raise SceneError(
                     f"Response: build gives other numbers than before at the same x: {name!r} of "
                     f"the scene differs by {gap:.2g}. They must depend on x alone"
                 )
-        kind = {name: values.shape for name, values in at_x.items()}, (x == 0).tolist()
+        kind = {name: values.shape for name, values in values_at_x.items()}, (x == 0).tolist()
         if kind not in self._checked or self._calls in _CHECKED:
             self._checked.append(kind)
-            lost = {name for name in _AT_START & at_x.keys() if at_x[name].any()} - self.changing
+            lost = {
+                name for name in _AT_START & values_at_x.keys() if values_at_x[name].any()
+            } - self.changing
             slopes_to_check = {name: by_name[name] for name in by_name.keys() - lost}
-            self._check(x, at_x, slopes_to_check, numbers_of)
+            self._check(x, values_at_x, slopes_to_check, numbers_of)
             for i in self._with_slopes(x) if lost else ():
                 self.reasons.setdefault(i, f"the start has no slopes of {', '.join(sorted(lost))}")
                 self._names[i] = sorted(lost.union(self._names.get(i, ())))
         for i in sorted(self.reasons):
             names = by_name.keys() & self._names.get(i, by_name.keys())
-            differences = self._derivative(x, i, at_x, numbers_of) if names else {}
+            differences = self._derivative(x, i, values_at_x, numbers_of) if names else {}
             self.changing |= differences.keys()
             for name in names:
                 by_name[name] = rows = by_name[name].copy()  # which others may read
@@ -155,13 +160,13 @@ class BuiltScenes:
             try:
                 dual = slopes_by(x, without=lost)
                 change = Dual(np.zeros(len(x)), dual.slopes)
-                numbers = numbers_of(known if self._is_dual else self._at(dual), change)
+                numbers = numbers_of(known if self._is_dual else self._scene_at(dual), change)
                 break
             except Exception as error:  # noqa: BLE001  # whatever a function does that takes floats
                 self._learn(error, {*range(len(x))} - lost)
                 self._is_dual = False
         else:
-            numbers = numbers_of(self._at(x), np.zeros(len(x)))
+            numbers = numbers_of(self._scene_at(x), np.zeros(len(x)))
         self.changing = {name for name, values in numbers.items() if isinstance(values, Dual)}
         by_name = {name: changes_of(values, len(x)) for name, values in numbers.items()}
         return {name: floats(values) for name, values in numbers.items()}, by_name
@@ -180,7 +185,7 @@ class BuiltScenes:
     def _check(
         self,
         x: np.ndarray,
-        at_x: dict[str, np.ndarray],
+        numbers: dict[str, np.ndarray],
         by_name: dict[str, np.ndarray],
         numbers_of: NumbersOf,
     ) -> None:
@@ -189,19 +194,21 @@ class BuiltScenes:
         One difference along a change of all parameters shows whether there are any.
         """
         steps = _CHECK_STEP * np.where(abs(x) > _ZERO, x, 1.0)
-        with_slopes = self._with_slopes(x)
+        slope_indices = self._with_slopes(x)
         change, size = np.zeros(len(x)), np.random.default_rng(0).uniform(0.5, 1, len(x))
-        change[with_slopes] = (size * steps)[with_slopes] * (-1.0) ** np.arange(len(with_slopes))
+        change[slope_indices] = (size * steps)[slope_indices] * (-1.0) ** np.arange(
+            len(slope_indices)
+        )
         try:
-            ends = [numbers_of(self._at(x + step), step) for step in (-change, change)]
+            ends = [numbers_of(self._scene_at(x + step), step) for step in (-change, change)]
         except (SceneError, OtherStructureError):  # that of one number says it better
             ends = []
-        if ends and not _wrong(change, ends, at_x, by_name):
+        if ends and not _wrong(change, ends, numbers, by_name):
             return
-        for i in with_slopes:
+        for i in slope_indices:
             change = steps * (np.arange(len(x)) == i)
             ends = [self._moved(x, i, step, numbers_of) for step in (-steps[i], steps[i])]
-            if wrong_names := _wrong(change, ends, at_x, by_name):
+            if wrong_names := _wrong(change, ends, numbers, by_name):
                 text = ", ".join(map(repr, wrong_names))
                 self.reasons[i] = f"it changes {text} of the scene in a way that has no slopes"
                 self._names.pop(i, None)
@@ -211,7 +218,7 @@ class BuiltScenes:
     # -- By differences ----------------------------------------------------------------------------
 
     def _derivative(
-        self, x: np.ndarray, i: int, at_x: dict[str, np.ndarray], numbers_of: NumbersOf
+        self, x: np.ndarray, i: int, numbers: dict[str, np.ndarray], numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Derivatives (...) by x[i] of those numbers that depend on it.
 
@@ -220,17 +227,17 @@ class BuiltScenes:
         size = x[i] if abs(x[i]) > _ZERO else 1.0
         h = 2.0 ** (np.frexp(size)[1] + _STEP)  # x + h is exact
         best: dict[str, tuple[float, np.ndarray]] = {}
-        most = {name: _MORE_BENT if name in _COMPUTED else _BENT for name in at_x}
+        most = {name: _MORE_BENT if name in _COMPUTED else _BENT for name in numbers}
         sizes, worse, bent = dict[str, np.ndarray](), 0, dict[str, float]()
         for attempt in range(_TRIES):
             low, above = (self._moved(x, i, step, numbers_of) for step in (-h, h / 2))
             if not attempt:
                 depend = [
                     name
-                    for name, values in at_x.items()
+                    for name, values in numbers.items()
                     if not (all_of(low[name] == values) and all_of(above[name] == values))
                 ]
-                if all(_on_a_line(name, low[name], at_x[name], above[name]) for name in depend):
+                if all(_on_a_line(name, low[name], numbers[name], above[name]) for name in depend):
                     return {name: (above[name] - low[name]) / (1.5 * h) for name in depend}
             below, high = (self._moved(x, i, step, numbers_of) for step in (-h / 2, h))
             for name in depend:
@@ -262,7 +269,7 @@ class BuiltScenes:
         change = step * (np.arange(len(x)) == i)
         x_text, moved_text = shown(x[i]), shown(x[i] + step)
         try:
-            scene = self._at(x + change)
+            scene = self._scene_at(x + change)
         except SceneError as error:
             raise SceneError(
                 f"Response: no derivatives by x[{i}] at {x_text}, since there is no scene at "
@@ -280,7 +287,7 @@ class BuiltScenes:
 def _wrong(
     change: np.ndarray,
     ends: list[dict[str, np.ndarray]],
-    at_x: dict[str, np.ndarray],
+    numbers: dict[str, np.ndarray],
     by_name: dict[str, np.ndarray],
 ) -> list[str]:
     """Names of numbers whose difference between the `ends` of a change disagrees with slopes."""
@@ -290,7 +297,7 @@ def _wrong(
         error = abs((ends[1][name] - ends[0][name]) / 2 - known)
         if name in _AT_START:  # loads have begun in the short step that tells their slopes
             error = np.where(ends[1][name] == ends[0][name], 0.0, error)
-        round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * _values_of(name, at_x)
+        round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * _values_of(name, numbers)
         if not all_of(error <= _AGREE * _largest_over_time(name, sizes) + round_off):
             wrong_names.append(name)
     return sorted(wrong_names)
@@ -305,7 +312,7 @@ def _values_of(name: str, numbers: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _largest_over_time(name: str, sizes: np.ndarray) -> np.ndarray:
-    """Of functions of time the largest sizes over it, of other numbers the sizes themselves."""
+    """Largest sizes over time of functions of it, and sizes of other numbers."""
     return sizes.max(axis=0) if name in OF_STEPS else sizes
 
 
@@ -321,7 +328,7 @@ def _largest(gaps: np.ndarray, sizes: np.ndarray) -> float:
     return float(part.max(initial=0.0))
 
 
-def _on_a_line(name: str, low: np.ndarray, at_x: np.ndarray, above: np.ndarray) -> bool:
+def _on_a_line(name: str, low: np.ndarray, numbers: np.ndarray, above: np.ndarray) -> bool:
     """Whether numbers at x - h, x and x + h / 2 are those of a line, up to round-off."""
     size = _largest_over_time(name, np.maximum(abs(low), abs(above)))  # which tells the round-off
-    return all_of(abs((low - at_x) + 2 * (above - at_x)) <= _ROUNDING * size)
+    return all_of(abs((low - numbers) + 2 * (above - numbers)) <= _ROUNDING * size)

@@ -57,8 +57,8 @@ class CriticalLoad:
         self._held = hold
         if hold.any():
             self._reference.begin(linearised(scene, None, _WHAT, is_held=True), None)
-            of_reference = derivatives(self._reference.numbers_of)
-            self._reference.take(of_reference, of_reference.keys())
+            reference_changes = derivatives(self._reference.numbers_of)
+            self._reference.take(reference_changes, reference_changes.keys())
         self._point, state = point, point.solution
         assert state is not None and point.modes is not None  # of a point with a load factor
         if point.kind not in (FLUTTER, "limit point", "bifurcation"):
@@ -78,11 +78,11 @@ class CriticalLoad:
             reason = "material flows on the path" if flowed else "added virtual works have none"
             raise SceneError(f"{_WHAT}: no derivatives: {reason}")
         self._tangent.begin(about, state)
-        changes, of_factor = derivatives(self._tangent.numbers_of), self._tangent.by_factor()
+        changes, factor_slopes = derivatives(self._tangent.numbers_of), self._tangent.by_factor()
         #: Changes (m + 1, ...) of all numbers by x, and by the load factor.
         self._changes = {}
         for name, rows in changes.items():
-            last = np.reshape(of_factor.get(name, 0 * rows[0]), (1, *rows[0].shape))
+            last = np.reshape(factor_slopes.get(name, 0 * rows[0]), (1, *rows[0].shape))
             self._changes[name] = np.concatenate([rows, last])
         self._tangent.take(self._changes, self._changes.keys())
         omega = point.modes.angular_frequencies[0]
@@ -94,12 +94,12 @@ class CriticalLoad:
         self._right, self._left = right, left if left @ right > 0 else -left
         self.phi, self.psi = self._unit * self._right, self._unit * self._left
 
-    def _solved(self, by_state: np.ndarray) -> np.ndarray:
-        """Weights w (1, free) of forces with K^T w = `by_state` (1, free).
+    def _solved(self, state_gradient: np.ndarray) -> np.ndarray:
+        """Weights w (1, free) of forces with K^T w = `state_gradient` (1, free).
 
         In the complement of the null vector if K is singular.
         """
-        right_side, K = self._unit * by_state[0], self._about.K
+        right_side, K = self._unit * state_gradient[0], self._about.K
         if self._square:
             unit = scipy.sparse.diags(self._unit)
             return self._unit * pivoted_lu((unit @ K @ unit).T).solve(right_side)[None]
@@ -108,15 +108,15 @@ class CriticalLoad:
         return self._unit * weights[None, :-1]
 
     def derivatives(self) -> np.ndarray:
-        """Those of the load factor by x (m,)."""
+        """Derivatives (m,) of the load factor by x."""
         if self._point.kind == "limit point":
             totals = self._work(self.psi)
             return -totals[:-1] / totals[-1]
-        totals, by_state, weights = self._along_path()
+        totals, state_gradient, weights = self._along_path()
         if self._point.kind == "bifurcation":
             if len(disturbing := np.flatnonzero(self._disturbing(totals[-1]))):
                 raise SceneError(self._infinite(int(disturbing[0])))
-            if self._slope(totals[-1], by_state, weights)[0]:
+            if self._slope(totals[-1], state_gradient, weights)[0]:
                 raise SceneError(
                     f"{_WHAT}: no derivatives: the bifurcation at load factor "
                     f"{self._point.load_factor:.6g} is not symmetric, and its place on the mode "
@@ -135,9 +135,9 @@ class CriticalLoad:
                 f"StaticResponse.imperfection_sensitivity: a {self._point.kind} has none, "
                 "only bifurcations have. For the slopes of this load use jacobian"
             )
-        totals, by_state, weights = self._along_path()
+        totals, state_gradient, weights = self._along_path()
         B, C = totals[-1], self._disturbing(totals[-1])
-        slope, curvature = self._slope(B, by_state, weights)
+        slope, curvature = self._slope(B, state_gradient, weights)
         if slope:
             size = np.sqrt(2 * abs(slope * C)) / abs(B)
             return Sensitivity(1 / 2, np.sign(slope * C) * size)
@@ -145,13 +145,13 @@ class CriticalLoad:
         return Sensitivity(2 / 3, falls * (1.5 * abs(C / B)) ** (2 / 3))
 
     def _slope(
-        self, by_factor: float, by_state: np.ndarray, weights: np.ndarray
+        self, factor_change: float, state_gradient: np.ndarray, weights: np.ndarray
     ) -> tuple[float, float]:
         """A_2, or 0 if it is round-off, and A_3."""
         motions = self._tangent.along_motions(self._pair(0.0))
         _, curved = self._tangent.followed(motions, np.ones(1), curved=True)
-        curvature = float(self.phi @ curved - 3 * by_state @ weights)
-        slope, size = self.phi @ by_state, abs(by_factor * self._point.load_factor)
+        curvature = float(self.phi @ curved - 3 * state_gradient @ weights)
+        slope, size = self.phi @ state_gradient, abs(factor_change * self._point.load_factor)
         return (slope if abs(slope) > _ASYMMETRIC * (size + abs(curvature)) else 0.0), curvature
 
     def _along_path(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -160,17 +160,17 @@ class CriticalLoad:
         And those by the state, with the weights of forces that belong to these.
         """
         motions = self._tangent.along_motions(self._pair(-self._square))
-        by_name, by_state = self._tangent.followed(motions, np.ones(1))
-        state = ImplicitFunction(solve_transposed=self._solved, by_x=self._work)
-        along_path, weights = state.vjp(by_state)
-        return self._tangent.by_x(by_name) + along_path, by_state, weights
+        by_name, state_gradient = self._tangent.followed(motions, np.ones(1))
+        state = ImplicitFunction(solve_transposed=self._solved, residual_slopes=self._work)
+        path_change, weights = state.vjp(state_gradient)
+        return self._tangent.by_x(by_name) + path_change, state_gradient, weights
 
     def _work(self, weights: np.ndarray) -> np.ndarray:
         """Derivatives (m + 1,) by x and the load factor of the work of all forces on a motion."""
         work = self._tangent.by_x(self._tangent.forces(weights))
         if self._held.any():
-            of_springs = self._reference.by_x(self._reference.forces(weights))
-            work[:-1] -= (1 - self._point.load_factor) * of_springs
+            spring_work = self._reference.by_x(self._reference.forces(weights))
+            work[:-1] -= (1 - self._point.load_factor) * spring_work
             work[-1] += weights @ self._held
         return work
 
@@ -178,7 +178,7 @@ class CriticalLoad:
         """The sum psi.K phi, and a factor times psi.M phi."""
         return Pairs(self.phi[None], self.psi[None], np.zeros(1, int), 1.0, mass=mass)
 
-    def _disturbing(self, by_factor: float) -> np.ndarray:
+    def _disturbing(self, factor_change: float) -> np.ndarray:
         """Work (m,) on the mode of forces that appear with x.
 
         It is set to zero where it is small beside the sum of its absolute parts, beside that in a
@@ -186,16 +186,18 @@ class CriticalLoad:
         numbers with x.
         """
         f, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._about.scene)
-        in_any = self._tangent.forces(self._unit)
-        sizes = {name: np.maximum(abs(f[name]), _ROUNDING * abs(in_any[name])) for name in f}
+        largest_forces = self._tangent.forces(self._unit)
+        sizes = {
+            name: np.maximum(abs(f[name]), _ROUNDING * abs(largest_forces[name])) for name in f
+        }
         changes = {name: abs(self._changes[name]) for name in f if self._changes[name].size}
         work, parts = self._work(self.psi)[:-1], self._tangent.by_x(sizes, changes)[:-1]
         most = {name: abs(numbers[name]).max() or np.inf for name in changes}
         relative = [
             rows.reshape(len(rows), -1).max(axis=1) / most[name] for name, rows in changes.items()
         ]
-        of_load = abs(by_factor * self._point.load_factor) * np.max(relative, axis=0)[:-1]
-        return np.where(abs(work) > _ZERO * np.maximum(parts, of_load), work, 0.0)
+        load_size = abs(factor_change * self._point.load_factor) * np.max(relative, axis=0)[:-1]
+        return np.where(abs(work) > _ZERO * np.maximum(parts, load_size), work, 0.0)
 
     def _infinite(self, i: int) -> str:
         exponent, coefficients = self.sensitivity()

@@ -61,8 +61,8 @@ def _of_fit(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
     if "rates" not in rows or not model.couplings.driven:
         return {}
     v, rates = rows["v"], rows["rates"]
-    fitting, of_mass = _momenta(model, rates), by_mass_entries(model, rates, rates - v)
-    return {"v": -fitting, "rates": 2 * fitting - _momenta(model, v), "mass": of_mass}
+    fitting, mass_slopes = _momenta(model, rates), by_mass_entries(model, rates, rates - v)
+    return {"v": -fitting, "rates": 2 * fitting - _momenta(model, v), "mass": mass_slopes}
 
 
 def _strain(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
@@ -71,7 +71,7 @@ def _strain(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
         return {}
     names, ones = ("q", "internal", "natural", "parameters"), np.ones(len(rows["q"]))
     arrays = {name: rows[name] for name in names if name in rows}
-    return BeamSlopes(beams).energy(StepBatch(ones, ones, **arrays), sub_steps.by_places)
+    return BeamSlopes(beams).energy(StepBatch(ones, ones, **arrays), sub_steps.has_places)
 
 
 def _potential(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
@@ -158,7 +158,9 @@ def losses_in_steps(sub_steps: SubSteps, rows: np.ndarray) -> Iterator[Block]:
     for group in sub_steps.groups(numbers):
         steps, parts = numbers[group], sub_steps.parts(numbers[group])
         beams = model.forms.beams
-        for slopes in [] if beams is None else BeamSlopes(beams).losses(parts, sub_steps.by_places):
+        for slopes in (
+            [] if beams is None else BeamSlopes(beams).losses(parts, sub_steps.has_places)
+        ):
             yield from sub_steps.in_steps(steps, of_names(counting[group], slopes))
         if model.points.any_have("loss"):
             losses = PointValues(model.points, "loss")
@@ -171,7 +173,7 @@ SINCE_START = "work", "dissipated_energy"
 
 
 class Sum(NamedTuple):
-    """What a quantity since the start is the sum of: the signs of energy, work and losses."""
+    """Signs of energy, work and losses, whose sum is a quantity since the start."""
 
     energy: int = 0
     steps: int = 0
@@ -191,7 +193,7 @@ def sum_of(model: Model, quantity: str) -> Sum:
 
 
 def _other_work(model: Model) -> str:
-    """What else than dead loads and driven motions does work; empty for nothing."""
+    """Names of what does work beside dead loads and driven motions; empty for nothing."""
     forms = model.forms
     sources = {
         "natural strains": model.data.natural,
@@ -201,12 +203,12 @@ def _other_work(model: Model) -> str:
     return ", ".join(name for name, works in sources.items() if works)
 
 
-def check_work(model: Model, measured: Measured, name: str, of_start: str) -> None:
+def check_work(model: Model, measured: Measured, name: str, start_reason: str) -> None:
     """Refuse work and dissipated energy that are neither sums over steps nor given by a balance.
 
-    And those since an equilibrium before the motion, if `of_start` says why.
+    And those since an equilibrium before the motion, if `start_reason` says why.
     """
-    parts, other_work, refusal = sum_of(model, measured.name), _other_work(model), of_start
+    parts, other_work, refusal = sum_of(model, measured.name), _other_work(model), start_reason
     if model.scheme.rates.at_rest:
         reason = why_no_work(model) if measured.name == "work" else ""
         if parts.losses and (without := why_no_losses(model)):
@@ -271,12 +273,12 @@ class WorkOutput(EnergyOutput):
         )
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
-        """What is not a sum, in some of the rows."""
+        """Blocks of what is not a sum, in some of the rows."""
         if self._parts:
             yield from (block.times(self._sign) for block in super().blocks(rows))
 
     def _of_steps(self, steps: np.ndarray) -> Iterator[Block]:
-        """What some of the steps add to all later rows, and at first the start (number 0)."""
+        """Blocks that some steps add to all later rows, at first those of the start (number 0)."""
         first = np.zeros(1, dtype=int)
         if self._at_start:
             yield of_rows(self._at_start, first, np.ones(1))
@@ -291,19 +293,21 @@ class WorkOutput(EnergyOutput):
         """As of `RowOutput`."""
         # Sums of the weights of all rows from the start on, and from after each step on. Of no rows
         # `bincount` gives integers, to which parts of numbers cannot be added.
-        ends, of_ends = np.append(self._ends, self._count), np.append(weights, later)
-        of_steps = np.bincount(ends, of_ends, self._count + 1)[::-1].cumsum()[::-1]
-        vjp(self._of_steps(np.flatnonzero(of_steps)), of_steps, gradient)
+        ends, row_weights = np.append(self._ends, self._count), np.append(weights, later)
+        step_weights = np.bincount(ends, row_weights, self._count + 1)[::-1].cumsum()[::-1]
+        vjp(self._of_steps(np.flatnonzero(step_weights)), step_weights, gradient)
         super().vjp(weights, later, gradient)
 
-    def jvp(self, rows: int, earlier: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
+    def jvp(
+        self, rows: int, earlier: np.ndarray, state_changes: Arrays, changes: Arrays
+    ) -> np.ndarray:
         """As of `RowOutput`."""
         steps = np.arange(self._count + 1)
-        sums = jvp(self._of_steps(steps), (len(steps),), of_state, changes)
+        sums = jvp(self._of_steps(steps), (len(steps),), state_changes, changes)
         sums[0] += earlier
         sums = sums.cumsum(axis=0)
         earlier[:] = sums[-1]
-        return sums[self._ends] + super().jvp(rows, earlier, of_state, changes)
+        return sums[self._ends] + super().jvp(rows, earlier, state_changes, changes)
 
 
 def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
@@ -334,31 +338,31 @@ def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
     else:
         factors = floats(Forcing(model).loads(t0, t1)).mean(axis=1)
     # Paths (k, driven) of driven motions, and derivatives by the increments along the path.
-    paths, by_slides = np.zeros_like(driven), np.zeros_like(slides)
-    by_path = (columns @ factors.T).T
-    parts = {"q": (path, by_path), "slides": (slides, by_slides)}
+    paths, slide_slopes = np.zeros_like(driven), np.zeros_like(slides)
+    path_slopes = (columns @ factors.T).T
+    parts = {"q": (path, path_slopes), "slides": (slides, slide_slopes)}
     for name, i, entry, sign in _driven_paths(model):
         increments, slopes = parts[name]
         paths[:, i] += sign * increments[:, entry]
         slopes[:, entry] += sign * driven[:, i]
-    by_increments = by_path * slope
+    increment_slopes = path_slopes * slope
     if at_rest and model.masses.weight is not None:
         # All of its work is potential energy, but for what the load factor leaves out.
         missing = _with_last(tape.memories[:, None]) - 1
-        by_increments += missing * model.masses.weight * slope
+        increment_slopes += missing * model.masses.weight * slope
         yield of_rows("weight", rows, missing * path)
     if (hold := tape.hold) is not None:
         # Its means at both ends, times the increments of the unknowns.
         y = model.couplings.unknowns(np.diff(states["q"], axis=0), slides)
         means = _with_last(hold[numbers])
         y[:1] = means[:1] = 0.0
-        of_columns, dofs, of_slides, joints = model.couplings.free_columns
-        of_dofs = dict(zip(of_columns.tolist(), dofs.tolist(), strict=True))
-        by_increments[:, [*of_dofs.values()]] += means[:, [*of_dofs]]
-        by_slides[:, joints] += means[:, of_slides]
+        free_columns, dofs, slide_columns, joints = model.couplings.free_columns
+        dof_of_column = dict(zip(free_columns.tolist(), dofs.tolist(), strict=True))
+        increment_slopes[:, [*dof_of_column.values()]] += means[:, [*dof_of_column]]
+        slide_slopes[:, joints] += means[:, slide_columns]
         yield of_rows("hold", rows, y / 2, numbers)
         yield of_rows("hold", rows[1:], y[1:] / 2, numbers[:-1])
-    for name, slopes in (("q", by_increments), ("slides", by_slides)):
+    for name, slopes in (("q", increment_slopes), ("slides", slide_slopes)):
         if slopes.size:
             starts, ends = slice(first, first + len(steps)), slice(first + 1, None)
             yield of_rows(name, rows, slopes, ends)
@@ -377,8 +381,8 @@ def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
             yield of_rows(name, rows, np.tile(slopes / 2, 2), places)
         else:
             yield of_rows(name, rows, slopes, places)
-    of_entry = np.repeat(np.arange(loads), np.diff(columns.indptr))
-    yield of_rows("columns", rows, factors[:, of_entry] * path[:, columns.indices])
+    load_of_entry = np.repeat(np.arange(loads), np.diff(columns.indptr))
+    yield of_rows("columns", rows, factors[:, load_of_entry] * path[:, columns.indices])
 
 
 def _with_last(values: np.ndarray) -> np.ndarray:

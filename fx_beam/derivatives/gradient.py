@@ -28,14 +28,14 @@ class Block(NamedTuple):
     part: Any = 0
 
     def times(self, factor: float) -> Block:
-        """The same of a multiple of the output."""
+        """Block of a multiple of the output."""
         return self if factor == 1 else self._replace(derivatives=factor * self.derivatives)
 
 
 def of_rows(name: str, rows: np.ndarray, values: np.ndarray, places: Any = None, first: int = 0):
     """Derivatives (k, ...) of rows by all entries of states, or of numbers, from the `first` on."""
-    of_entries = values.reshape(len(rows), -1)
-    return Block(name, slice(first, first + of_entries.shape[1]), rows, of_entries, places)
+    slopes = values.reshape(len(rows), -1)
+    return Block(name, slice(first, first + slopes.shape[1]), rows, slopes, places)
 
 
 def of_names(rows: np.ndarray, derivatives: Mapping[str, np.ndarray]) -> Iterator[Block]:
@@ -57,12 +57,12 @@ def vjp(blocks: Iterable[Block], weights: np.ndarray, gradient: Gradient) -> Non
     """Add the derivatives of the sum of weights (n, ...) times an output."""
     weights = weights[:, None] if weights.ndim == 1 else weights
     for name, entries, rows, derivatives, places, part in blocks:
-        of_rows = rows if isinstance(part, slice) else rows[:, None]
-        gradient.add(name, entries, places, weights[of_rows, part] * derivatives)
+        weight_rows = rows if isinstance(part, slice) else rows[:, None]
+        gradient.add(name, entries, places, weights[weight_rows, part] * derivatives)
 
 
 def jvp(
-    blocks: Iterable[Block], shape: tuple[int, ...], of_state: Arrays, changes: Arrays
+    blocks: Iterable[Block], shape: tuple[int, ...], state_changes: Arrays, changes: Arrays
 ) -> np.ndarray:
     """Changes (*shape, m) of an output from those of states (n, m, ...) and numbers (m, ...)."""
     count = len(changes["X"])
@@ -73,7 +73,7 @@ def jvp(
             if not any_of(change):
                 continue
         else:  # without states, numbers with a row for each sub-step
-            change = of_state[name] if name in of_state else changes[name].swapaxes(0, 1)
+            change = state_changes[name] if name in state_changes else changes[name].swapaxes(0, 1)
             change = change.reshape(len(change), count, -1)[..., entries][places]
         has_parts = isinstance(part, slice) or np.ndim(part)
         if has_parts:
@@ -91,26 +91,26 @@ class Gradient:
     """Derivatives by states and forces of a run, and by numbers of its scene.
 
     `sizes` has the numbers of states or forces, and of the values in each, by name. Derivatives by
-    numbers are added to those of other parts of the run, `of_numbers`; others are left out.
+    numbers are added to those of other parts of the run, `number_slopes`; others are left out.
     """
 
-    def __init__(self, sizes: Mapping[str, tuple[int, ...]], of_numbers: Arrays):
-        self._sizes, self._of_numbers = sizes, of_numbers
-        #: Those by states and forces (n, size).
-        self.of_state: dict[str, np.ndarray] = {}
+    def __init__(self, sizes: Mapping[str, tuple[int, ...]], number_slopes: Arrays):
+        self._sizes, self._number_slopes = sizes, number_slopes
+        #: Derivatives by states and forces (n, size), by name.
+        self.state_slopes: dict[str, np.ndarray] = {}
 
     def at(self, name: str) -> np.ndarray:
-        """Those by all states or forces of a name, to which one adds."""
-        if name not in self.of_state:
-            self.of_state[name] = np.zeros(self._sizes[name])
-        return self.of_state[name]
+        """Derivatives by all states or forces of a name, to which one adds."""
+        if name not in self.state_slopes:
+            self.state_slopes[name] = np.zeros(self._sizes[name])
+        return self.state_slopes[name]
 
     def add(self, name: str, entries: Any, places: Any, values: np.ndarray) -> None:
         """Add derivatives (k, e) by entries, as those of a `Block`."""
         if places is not None and name in self._sizes:
             target = self.at(name)
-        elif name in self._of_numbers:
-            target = self._of_numbers[name]
+        elif name in self._number_slopes:
+            target = self._number_slopes[name]
         else:
             return
         if places is None:

@@ -267,27 +267,29 @@ class HarmonicResponse(OfParameters):
         i = names.index(component)
         vibrations = self._vibrations
         row, order = self._measured.rows[i], np.argsort(self._f)
-        of_base = self._measured.of_nodes[i] @ self._moved
+        base_part = self._measured.of_nodes[i] @ self._moved
         size, f = abs(self.response.values[order, i]), self._f[order]
 
         def minus_amplitude(frequency: float) -> float:
             side = vibrations.sides_at(frequency)[:, 0]
-            return -float(abs(row @ vibrations.vibration.at(frequency).solved(side) + of_base))
+            return -float(abs(row @ vibrations.vibration.at(frequency).solved(side) + base_part))
 
         def slope(frequency: float) -> float:
             motion, adjoints = vibrations.solved(frequency)
-            by_frequency = adjoints[i] @ vibrations.vibration.frequency_slope(motion)
+            frequency_slope = adjoints[i] @ vibrations.vibration.frequency_slope(motion)
             if vibrations.grow:
-                by_frequency -= 4 * np.pi * frequency * (adjoints[i] @ vibrations.sides[:, 0])
-            return float((np.conj(row @ motion + of_base) * by_frequency).real)
+                frequency_slope -= 4 * np.pi * frequency * (adjoints[i] @ vibrations.sides[:, 0])
+            return float((np.conj(row @ motion + base_part) * frequency_slope).real)
 
         peaks = []
         for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:
             search = {"bounds": (f[k - 1], f[k + 1]), "options": {"xatol": _PLACE * f[k]}}
-            near = float(minimize_scalar(minus_amplitude, method="bounded", **search).x)
-            peak = float(newton(slope, near, x1=near * (1 + _PLACE), tol=_EXACT * near, disp=False))
+            guess = float(minimize_scalar(minus_amplitude, method="bounded", **search).x)
+            peak = float(
+                newton(slope, guess, x1=guess * (1 + _PLACE), tol=_EXACT * guess, disp=False)
+            )
             motion, adjoints = vibrations.solved(peak)
-            value = row @ motion + of_base
+            value = row @ motion + base_part
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
             solution = np.array([peak]), motion[None], adjoints[None]
             gradient = self._of_sums(self._pairs(solution, weights[None, None]), np.ones((1, 1)))[0]
@@ -307,24 +309,26 @@ class HarmonicResponse(OfParameters):
         At frequencies (k,), with motions (k, free) and adjoint ones (k, c, free).
         """
         frequencies, motions, adjoints = solutions
-        left, of_nodes = weights @ adjoints, weights @ self._measured.of_nodes
+        left, node_weights = weights @ adjoints, weights @ self._measured.of_nodes
         owner, w = np.arange(len(left)).repeat(left.shape[1]), 2 * np.pi * frequencies
         factors = -1.0, -1j * w[owner], w[owner] ** 2, 1 / np.where(w > 0, w, 1.0)
-        of_nodes = np.broadcast_to(of_nodes, (*left.shape[:2], of_nodes.shape[2]))
-        on_nodes = of_nodes.reshape(len(owner), -1)
+        node_weights = np.broadcast_to(node_weights, (*left.shape[:2], node_weights.shape[2]))
+        node_rows = node_weights.reshape(len(owner), -1)
         forces, base = self._force, None
         if self._base is not None:
             forces, base = np.multiply.outer(w[owner] ** 2, forces), self._moved
-        return Pairs(motions, left.reshape(len(owner), -1), owner, *factors, forces, on_nodes, base)
+        return Pairs(
+            motions, left.reshape(len(owner), -1), owner, *factors, forces, node_rows, base
+        )
 
     def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
         """Derivatives (s, m) of real parts of weights (s, n) times sums, with those by the load."""
         if self._load_changes is None:
             self._load_changes = self._tangent.changes()[_LOAD] @ _COMPLEX
-        by_x = self._tangent.of_sums(pairs, weights)
+        slopes = self._tangent.of_sums(pairs, weights)
         if not self._load_changes.any():
-            return by_x
+            return slopes
         node, about = self._parameters.besides[0][0], self._tangent.about
-        at_node = about.T[about.model.mesh.dofs[node.number]]
-        by_load = weights @ (pairs.left @ at_node.T @ self._load_changes.T)
-        return by_x + by_load.real
+        node_motions = about.T[about.model.mesh.dofs[node.number]]
+        load_slopes = weights @ (pairs.left @ node_motions.T @ self._load_changes.T)
+        return slopes + load_slopes.real

@@ -19,18 +19,18 @@ class ImplicitFunction(NamedTuple):
 
     #: Solutions with K, and changes (m, free) of r with x.
     solve: Solve | None = None
-    along_x: Callable[[], np.ndarray] | None = None
+    residual_changes: Callable[[], np.ndarray] | None = None
     #: Solutions with the transposed K, and derivatives (m,) by x of weights (free,) times r.
     solve_transposed: Solve | None = None
-    by_x: Callable[[np.ndarray], np.ndarray] | None = None
+    residual_slopes: Callable[[np.ndarray], np.ndarray] | None = None
 
     def jvp(self) -> np.ndarray:
         """Changes (m, free) of y with x."""
-        assert self.solve is not None and self.along_x is not None
-        return -self.solve(self.along_x())
+        assert self.solve is not None and self.residual_changes is not None
+        return -self.solve(self.residual_changes())
 
-    def vjp(self, by_state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives (m,) by x of what has those `by_state` (free,); its weights (free,) of r."""
-        assert self.solve_transposed is not None and self.by_x is not None
-        weights = self.solve_transposed(by_state[None])[0]
-        return -self.by_x(weights), weights
+    def vjp(self, state_gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives (m,) by x from a `state_gradient` (free,), and weights (free,) of r."""
+        assert self.solve_transposed is not None and self.residual_slopes is not None
+        weights = self.solve_transposed(state_gradient[None])[0]
+        return -self.residual_slopes(weights), weights

@@ -18,7 +18,7 @@ _AT_START = "forces of lines"
 
 
 class LineOutput(RowOutput):
-    """What the laws of a line have: its force, energy, length or rate."""
+    """Quantities of the laws of a line: its force, energy, length or rate."""
 
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
@@ -41,10 +41,10 @@ class PullOutput(LineOutput):
         counting = np.flatnonzero(np.isin(steps.of, rows))
         for group in sub_steps.groups(counting):
             which = counting[group]
-            of_rows, shares = steps.of[which], steps.shares[which, None]
+            row_numbers, shares = steps.of[which], steps.shares[which, None]
             numbers = steps.sub_steps[which]
             blocks = (
-                Block(name, entries, of_rows, shares * slopes)
+                Block(name, entries, row_numbers, shares * slopes)
                 for name, entries, slopes in self._values.slopes(sub_steps.point_steps(numbers))
             )
             yield from sub_steps.in_steps(numbers, blocks)

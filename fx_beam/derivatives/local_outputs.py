@@ -63,13 +63,13 @@ class LocalOutput(RowOutput):
         terms = [*zip(measured.terms, slopes, strict=False)]
         rows = np.arange(len(self._places.ends))
         for part in range(np.size(measured.terms[0].entries)):
-            along = sum(
+            slope = sum(
                 slope * read(term.array, np.ravel(term.entries)[part]) for term, slope in terms
             )
-            yield Block(numbers, slice(1), rows, along[:, None], part=part)
+            yield Block(numbers, slice(1), rows, slope[:, None], part=part)
 
     def _blocks_of(self, array: str, entries: Any, factor: Any) -> Iterator[Block]:
-        """Those by entries of states, forces and numbers, one for each component."""
+        """Derivatives by entries of states, forces and numbers, one for each component."""
         parts = np.arange(np.size(entries))
         if (columns := self._model.force_columns.get(array)) is not None:
             columns = np.atleast_1d(columns.reshape(-1)[entries])
@@ -94,8 +94,8 @@ class LocalOutput(RowOutput):
     def _change(self, name: str, entries: Any, parts: Any) -> Iterator[Block]:
         """The change over the steps, by their lengths."""
         places, rows = self._places, self._places.moved
-        per_time = 1 / places.steps.lengths[rows]
-        for boundaries, factor in ((places.ends, per_time), (places.starts, -per_time)):
+        rate_factor = 1 / places.steps.lengths[rows]
+        for boundaries, factor in ((places.ends, rate_factor), (places.starts, -rate_factor)):
             yield of_entries(name, self._at(name, entries), parts, rows, factor, boundaries[rows])
 
     def _at_start(self, name: str, entries: Any, parts: Any) -> Block:
@@ -146,7 +146,7 @@ class ResultantOutput(RowOutput):
     def _by_fields(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[Block]:
         """Derivatives by what forms read of some sub-steps."""
         rows, shares, cells = self._rows[chosen], self._shares[chosen, None], self._cells
-        arguments = parts, self._sub_steps.by_places, self._component
+        arguments = parts, self._sub_steps.has_places, self._component
         for name, dofs, slopes in BeamSlopes(self._beams).resultants(*arguments):
             points, entries = slopes.shape[2], dofs[cells]
             slopes = np.ascontiguousarray(np.moveaxis(slopes[:, cells], (2, 3), (0, 1)))
@@ -157,8 +157,8 @@ class ResultantOutput(RowOutput):
                     yield Block(name, entries[k], rows, values, part=component)
                 continue
             for point, number in np.ndindex(slopes.shape[:2]):
-                values, of_cells = shares * slopes[point, number], _evenly(entries[:, number])
-                yield Block(name, of_cells, rows, values, part=_evenly(components[point]))
+                values, cell_entries = shares * slopes[point, number], _evenly(entries[:, number])
+                yield Block(name, cell_entries, rows, values, part=_evenly(components[point]))
 
 
 def _evenly(entries: np.ndarray) -> Any:

@@ -46,7 +46,7 @@ class _Modes(NamedTuple):
     vectors: np.ndarray
 
     def of(self, places: Any) -> _Modes:
-        """Those of some modes."""
+        """Numbers of some modes."""
         return _Modes(*(values[..., places] for values in self))
 
 
@@ -166,20 +166,21 @@ class ModalResponse(OfParameters):
                 'without; of loads at flutter the output "critical_load" of StaticResponse has some'
             )
         self._looked_above = False
-        self._by_rates = about.damping("modes", self._damped)
+        self._damping = about.damping("modes", self._damped)
         extra = 2 if self._damped else 0  # copies above are seen without damping only
         if self._take_modes(self._n + extra) < _SAME:
             self._take_modes(2 * self._n + _MORE)
         omega, ratios, roots, vectors = self._modes.of(slice(self._n))
         self._shapes = about.T @ vectors
-        of_state = about.model, about.start.q, self._shapes
-        self.modes = modes_of(*of_state, omega, omega == 0, ratios, roots)
+        self.modes = modes_of(
+            about.model, about.start.q, self._shapes, omega, omega == 0, ratios, roots
+        )
         self._parameters.x = values
         return np.column_stack([omega, ratios]) if self._damped else omega.copy()
 
     def _take_modes(self, count: int) -> float:
         """Find the lowest modes, in their places; the least likeness to the last ones there."""
-        omega, _, ratios, roots, vectors = lowest_modes(self._about, self._by_rates, count)
+        omega, _, ratios, roots, vectors = lowest_modes(self._about, self._damping, count)
         order, alike = self._places(vectors)
         self._modes = _Modes(omega, ratios, roots, vectors).of(order)
         return alike
@@ -226,10 +227,10 @@ class ModalResponse(OfParameters):
         triangles = [np.tril_indices(len(group)) for group in groups]
         entries = [group[np.array(ij)] for group, ij in zip(groups, triangles, strict=True)]
         left, right = np.hstack([np.zeros((2, 0), int), *entries])
-        by_roots = self._by_roots(right)
-        weights = np.vstack([*map(np.diag, by_roots)])
-        of_roots = self._tangent.of_sums(self._pairs(left, right), weights)
-        rows = of_roots.reshape(*by_roots.shape, count)
+        root_weights = self._by_roots(right)
+        weights = np.vstack([*map(np.diag, root_weights)])
+        root_slopes = self._tangent.of_sums(self._pairs(left, right), weights)
+        rows = root_slopes.reshape(*root_weights.shape, count)
         parts = np.split(rows, np.cumsum([len(i) for i, _ in triangles]), axis=1)
         for group, (i, j), group_rows in zip(groups, triangles, parts, strict=False):
             if len(group) > 1:
@@ -286,7 +287,7 @@ class ModalResponse(OfParameters):
     def _follow(self) -> None:
         """Find derivatives of all numbers, and modes above if these have the same frequency."""
         self._tangent.changes()
-        if self._looked_above or self._damped or self._by_rates is not None:
+        if self._looked_above or self._damped or self._damping is not None:
             return
         highest = self._modes.omega.max()
         bound = highest * abs(highest) + 2 * _EQUAL * highest**2
@@ -311,8 +312,10 @@ class ModalResponse(OfParameters):
                 f"ModalResponse: mode {modes[int(np.argmin(abs(s.imag)))]} does not vibrate: it is "
                 "overdamped, or grows, and has no derivatives with damped=True"
             )
-        of_frequency = np.where(s.imag, np.conj(s) / w, -1.0)
-        return np.array([of_frequency, (s.real * np.conj(s) / w**2 - 1) / w])[: 1 + self._damped]
+        frequency_factors = np.where(s.imag, np.conj(s) / w, -1.0)
+        return np.array([frequency_factors, (s.real * np.conj(s) / w**2 - 1) / w])[
+            : 1 + self._damped
+        ]
 
     def _pairs(self, left: np.ndarray, right: np.ndarray) -> Pairs:
         """Pairs with the derivatives of roots s, or of entries of matrices for equal roots.
@@ -320,7 +323,7 @@ class ModalResponse(OfParameters):
         With left and right vectors l and x, ds = -l.(s^2 dM + s dC + dK) x / l.(2 s M + C) x.
         """
         modes, mode_of = np.unique(right, return_inverse=True)
-        about, C, vectors = self._about, self._by_rates, self._modes.vectors
+        about, C, vectors = self._about, self._damping, self._modes.vectors
         x, lefts = vectors.T, vectors[:, left].T
         s, slope = self._modes.roots[right], 2 * self._modes.roots[right]
         if C is not None:
@@ -336,7 +339,7 @@ class ModalResponse(OfParameters):
 
     def _warn_of(self, group: np.ndarray) -> None:
         """Tell of modes with the same root; SceneError if they have no derivatives."""
-        if self._damped or self._by_rates is not None:
+        if self._damped or self._damping is not None:
             raise SceneError(
                 f"ModalResponse: the modes {group.tolist()} have the same root, and no "
                 "derivatives. Let them differ, or leave damping out"

@@ -57,7 +57,7 @@ class MotionAnalysis(Analysis):
         self.inputs = options.inputs
         # Several processes have no derivatives.
         self._series = MotionSeries(memory)
-        self._of_tape: TapeDerivatives | None = None
+        self._tape_derivatives: TapeDerivatives | None = None
         # Outputs of the last run that are no functions.
         self._measured: list[Measured] = []
         # The last run whose rows only this object has.
@@ -126,10 +126,10 @@ class MotionAnalysis(Analysis):
             )
         loop = prepared.loop
         assert loop is not None  # only it has a tape
-        if self._of_tape is None or self._of_tape.problem is not loop.problem:
+        if self._tape_derivatives is None or self._tape_derivatives.problem is not loop.problem:
             way = "JVP" if method == "jacobian" else "VJP"
-            self._of_tape = TapeDerivatives(loop.problem, way)
-        return prepared.model, tape, self._of_tape
+            self._tape_derivatives = TapeDerivatives(loop.problem, way)
+        return prepared.model, tape, self._tape_derivatives
 
     def changes(self) -> dict[str, np.ndarray]:
         """As of `Analysis`."""
@@ -138,7 +138,7 @@ class MotionAnalysis(Analysis):
         # Without derivatives of the equilibrium before, differences compute it for other x.
         if self.path is not None and not why_not(self.path):
             derivatives = self.parameters.derivatives
-            lines = [of_line for of_line in self.measured if of_line.by_law == "pull"]
+            lines = [measured for measured in self.measured if measured.by_law == "pull"]
             start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
         first = self._options.dt if self._options.tolerance is None else tape.times.first_length
         arguments = tape, first, start, self._accelerations_by_x(first)
@@ -146,7 +146,7 @@ class MotionAnalysis(Analysis):
 
     @property
     def _needs(self) -> Needs:
-        """What the outputs read in the last motion."""
+        """Needs of the outputs in the last motion."""
         assert self._series.prepared is not None  # `followed` comes first
         return needs_of(self._series.prepared.model, self.measured)
 
@@ -165,8 +165,8 @@ class MotionAnalysis(Analysis):
             state = prepared.first_state(short, None, accelerations=False)
             if prepared.stepper.trial(state, state.t + short, tape=tape).state is None:
                 return None  # such a step may fail with unknowns that have no mass
-        of_step = functools.partial(self._numbers_of_steps, tape, short, None, False)
-        changes = self.parameters.derivatives(lambda *given: of_step(*given)[2])
+        numbers_of = functools.partial(self._numbers_of_steps, tape, short, None, False)
+        changes = self.parameters.derivatives(lambda *given: numbers_of(*given)[2])
         rates = derivatives.jvp(tape, changes, np.ones(1, int))["v"][0]
         return np.where(model.massless, 2, 1) * rates / short  # those are means
 
@@ -206,8 +206,9 @@ class MotionAnalysis(Analysis):
         Accelerations have the changes `a_by_x` (m, size) as their slopes.
         """
         needs = self._needs
-        of_scene = self._numbers_of_steps(tape, first, start, needs.start, scene, change)
-        other, state, numbers = of_scene
+        other, state, numbers = self._numbers_of_steps(
+            tape, first, start, needs.start, scene, change
+        )
         if not needs.rates:
             return numbers
         if not any_of(floats(change)):
@@ -224,7 +225,7 @@ class MotionAnalysis(Analysis):
 def prepared_for(
     series: MotionSeries, options: Options, base: Scene, scene: Scene, change: Any
 ) -> Prepared:
-    """What is prepared as the motion of a base is, with the numbers of another scene, but no loop.
+    """Prepared motion as of a base, with the numbers of another scene, but no loop.
 
     Of the base it is that of the motion, if it has slopes.
     """

@@ -82,11 +82,11 @@ class Misfit(_OfRun):
         self._run, self._shared = run, shared
         pairs = measured.items()
         self._measured = {name: _measured(rows, f"{subject}[{name!r}]") for name, rows in pairs}
-        of_all = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
-        same_names = of_all.keys() == measured.keys()
+        scatters = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
+        same_names = scatters.keys() == measured.keys()
         require(same_names, "misfit: scatter", scatter, f"a number, or for each of {[*measured]}")
         self._scatter = {
-            name: _scatter(of_all[name], rows.shape, f"misfit: scatter of {name!r}")
+            name: _scatter(scatters[name], rows.shape, f"misfit: scatter of {name!r}")
             for name, rows in self._measured.items()
         }
         #: Numbers of the last deviations: those of the run, if no other call came between.

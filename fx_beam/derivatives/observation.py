@@ -58,8 +58,8 @@ def read_entries(model: Model, outputs: Outputs) -> dict[str, np.ndarray]:
         return {}
     entries: dict[str, set[int]] = {"q": set(), "v": set(), "slides": set()}
     for term in itertools.chain(*(measured.terms for measured in listed)):
-        of_array = entries.get("v" if term.array == "a" else term.array, set())
-        of_array.update(np.atleast_1d(term.entries).tolist())
+        chosen = entries.get("v" if term.array == "a" else term.array, set())
+        chosen.update(np.atleast_1d(term.entries).tolist())
     return {name: np.array(sorted(numbers)) for name, numbers in entries.items() if numbers}
 
 
@@ -80,7 +80,7 @@ class Observation:
         tape: Tape,
         forces: Callable[[], np.ndarray],
         entries: Arrays,
-        by_places: bool,
+        has_places: bool,
         numbers: Arrays,
         outputs: Outputs,
         boundaries: np.ndarray,
@@ -104,14 +104,13 @@ class Observation:
                 self.sub_steps = np.arange(first, end)
         #: Boundaries at which outputs need states; in `sub_steps` they need forces.
         self.boundaries = np.unique(np.concatenate(lists)) if len(lists) > 1 else boundaries
-        of_forces = any(is_section_force(measured.output) for measured in outputs.values())
-        sub_steps = SubSteps(model, tape, self.boundaries, by_places, of_forces)
+        reads_forces = any(is_section_force(measured.output) for measured in outputs.values())
+        sub_steps = SubSteps(model, tape, self.boundaries, has_places, reads_forces)
         ends = np.searchsorted(self.boundaries, boundaries)
         starts = np.searchsorted(self.boundaries, steps.starts)
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
         rows = np.flatnonzero(boundaries), np.flatnonzero(boundaries == 0)
-        of_rows = ends, starts, *rows, steps, forces_at, entries, forces
-        places = Places(sub_steps, numbers, *of_rows)
+        places = Places(sub_steps, numbers, ends, starts, *rows, steps, forces_at, entries, forces)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
         if model.fits_rates and needs.rates:
@@ -131,44 +130,46 @@ class Observation:
         columns, joints = sizes_of_state["constraints"], 3 * sizes_of_state["joints"]
         sizes = {name: (n, width) for name, width in self._tape.widths.items()}
         sizes |= {name: (n, len(entries)) for name, entries in self._entries.items()}
-        of_fit = model.size, joints // 3, joints, columns
-        sizes |= {name: (n, width) for name, width in zip(_FITTED, of_fit, strict=True)}
+        widths = model.size, joints // 3, joints, columns
+        sizes |= {name: (n, width) for name, width in zip(_FITTED, widths, strict=True)}
         return sizes | {"constraints": (k, columns), "joints": (k, joints)}
 
     def vjp(
-        self, weights: Arrays, later: Mapping[str, float], of_numbers: Arrays
+        self, weights: Arrays, later: Mapping[str, float], number_slopes: Arrays
     ) -> dict[str, np.ndarray]:
         """Derivatives of the sum of weights (n, ...) times outputs by states and forces.
 
-        Those by numbers are added to `of_numbers`. `later` are sums of the weights of outputs that
-        add up over the steps, in later parts.
+        Derivatives by numbers are added to `number_slopes`. `later` are sums of the weights of
+        outputs that add up over the steps, in later parts.
         """
-        gradient = Gradient(self._sizes, of_numbers)
+        gradient = Gradient(self._sizes, number_slopes)
         for name, output in self._outputs.items():
             output.vjp(weights[name], later.get(name, 0.0), gradient)
         if self._fit is not None:
             all_entries = slice(None)
-            of_state, of_shape = self._fit.vjp({name: gradient.at(name) for name in _FITTED})
-            driven = of_state.pop("driven rates")
-            for name, values in of_state.items():
+            state_slopes, shape_slopes = self._fit.vjp(
+                {name: gradient.at(name) for name in _FITTED}
+            )
+            driven = state_slopes.pop("driven rates")
+            for name, values in state_slopes.items():
                 gradient.at(name)[:] += values
-            for name, values in of_shape.items():
+            for name, values in shape_slopes.items():
                 gradient.add(name, all_entries, None, values.reshape(1, -1))
             gradient.add("driven rates", all_entries, self.boundaries, driven)
-        return gradient.of_state
+        return gradient.state_slopes
 
-    def jvp(self, of_state: dict, changes: Arrays, earlier: Arrays) -> dict[str, np.ndarray]:
+    def jvp(self, state_changes: dict, changes: Arrays, earlier: Arrays) -> dict[str, np.ndarray]:
         """Changes (n, ..., m) of all outputs from those of states, forces and numbers.
 
         Of outputs that add up over the steps, `earlier` (m,) are sums of earlier parts, to which
         those of this part are added.
         """
         if self._fit is not None:
-            states = {name: of_state[name] for name in ("q", "v", "slides")}
+            states = {name: state_changes[name] for name in ("q", "v", "slides")}
             states["driven rates"] = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
-            of_state |= self._fit.jvp(states, changes)
+            state_changes |= self._fit.jvp(states, changes)
         return {
-            name: output.jvp(self._rows, earlier.get(name, np.empty(0)), of_state, changes)
+            name: output.jvp(self._rows, earlier.get(name, np.empty(0)), state_changes, changes)
             for name, output in self._outputs.items()
         }
 

@@ -30,6 +30,6 @@ def kind_of(measured: Measured) -> type[RowOutput]:
 
 
 def needs_of(model: Model, outputs: Iterable[Measured]) -> Needs:
-    """What some outputs read together."""
+    """Needs of some outputs together."""
     needs = [Needs(), *(kind_of(measured).needs(model, measured) for measured in outputs)]
     return Needs(*map(any, zip(*needs, strict=True)))

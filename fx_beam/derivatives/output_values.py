@@ -48,9 +48,9 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
 def row_values(model: Model, recorder: Recorder, measured: Measured) -> np.ndarray | None:
     """Values (n, ...) of an output of a node that rows have as it is, else None; a copy of them."""
     array, X = measured.quantity.of, model.mesh.X.reshape(-1)
-    of_node = isinstance(measured.place, Node) and array in ("q", "v")
+    is_of_node = isinstance(measured.place, Node) and array in ("q", "v")
     fitted = bool(recorder.turns) or (array == "v" and model.fits_rates)
-    if not of_node or fitted or array not in recorder.arrays.keys() - recorder.serving:
+    if not is_of_node or fitted or array not in recorder.arrays.keys() - recorder.serving:
         return None
     rows = recorder.arrays[array][: recorder.rows]
     return measured.values(lambda name, entries: X[entries] if name == "X" else rows[:, entries])

@@ -68,11 +68,11 @@ class PeriodDerivatives:
                 "must find the motion of this scene"
             )
         #: Derivatives (m, ...) of all numbers; independent variables of the start are held.
-        self._of_scene = _held(parameters.derivatives(numbers_of), shooting.model.prescribed)
-        refuse_others(self._of_scene, shooting.derivatives.names, WHAT)
+        self._scene_changes = _held(parameters.derivatives(numbers_of), shooting.model.prescribed)
+        refuse_others(self._scene_changes, shooting.derivatives.names, WHAT)
         #: Directions (n) of the start, and derivatives (m, n) of the start along them by x.
-        self._by = shooting.variables.directions(self._period.start, self._period.length)
-        self._start = np.zeros((len(parameters.x), self._by.matrix.shape[1]))
+        self._directions = shooting.variables.directions(self._period.start, self._period.length)
+        self._start = np.zeros((len(parameters.x), self._directions.matrix.shape[1]))
         #: Derivatives (m,) of the logarithm of the period.
         self.period = np.zeros(len(parameters.x))
         self._solve()
@@ -80,29 +80,29 @@ class PeriodDerivatives:
     @property
     def changes(self) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) of all numbers of the scene and of the start."""
-        return _added(self._of_scene, self._by, self._start)
+        return _added(self._scene_changes, self._directions, self._start)
 
     def _solve(self) -> None:
         """Find derivatives of the start and of the period, from the equations of the motion."""
-        shooting, period, cycle, basis = self._shooting, self._period, self._cycle, self._by
+        shooting, period, cycle, basis = self._shooting, self._period, self._cycle, self._directions
         independent, n = basis.independent, basis.matrix.shape[1]
         unit = basis.matrix[independent]
         end_slopes, _ = shooting.slopes(basis.changes, period)
         #: The monodromy matrix in these directions.
         self._monodromy = np.linalg.solve(unit, end_slopes[independent])
         rows = [end_slopes[independent] - unit]
-        right = [shooting.slopes(self._of_scene, period)[0][independent]]
+        right = [shooting.slopes(self._scene_changes, period)[0][independent]]
         if cycle.chosen_by == "fold":
             self.period = self._of_fold(rows[0], right[0])
             return
-        of_parameter = np.zeros((len(unit), 0))
+        parameter_slope = np.zeros((len(unit), 0))
         if cycle.free and cycle.chosen_by != "period":
-            of_parameter = shooting.parameter_slope(period)[independent, None]
-        rows[0] = np.hstack([rows[0], of_parameter])
-        parameter_count = of_parameter.shape[1]
-        for slopes, by_x in self._conditions():
+            parameter_slope = shooting.parameter_slope(period)[independent, None]
+        rows[0] = np.hstack([rows[0], parameter_slope])
+        parameter_count = parameter_slope.shape[1]
+        for slopes, side in self._conditions():
             rows.append(slopes[None, : n + parameter_count])
-            right.append(by_x[None])
+            right.append(side[None])
         matrix, sides = np.vstack(rows), np.vstack(right)
         sizes = np.linalg.svd(matrix, compute_uv=False)
         if cycle.free and sizes[n + parameter_count - 1] < _SINGULAR * sizes[0]:
@@ -118,8 +118,8 @@ class PeriodDerivatives:
             self.period = solved[:, n]
 
     def _conditions(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """What chooses the motion: derivatives by its start and period, and by x."""
-        cycle, shooting, period, basis = self._cycle, self._shooting, self._period, self._by
+        """Conditions that choose the motion: derivatives by its start and period, and by x."""
+        cycle, shooting, period, basis = self._cycle, self._shooting, self._period, self._directions
         if cycle.chosen_by not in ("", "period", "frequency", "energy", "amplitude"):
             raise SceneError(
                 f"{WHAT}: this motion of a family has no derivatives. Find it by periodic, with "
@@ -150,7 +150,7 @@ class PeriodDerivatives:
         """
         self.lay()
         none = np.zeros(1, dtype=int)
-        return self._shooting.derivatives.jvp(self._shooting.tape, self._of_scene, none)
+        return self._shooting.derivatives.jvp(self._shooting.tape, self._scene_changes, none)
 
     def _rest_by_x(self) -> np.ndarray:
         """Derivatives (m,) of what the amplitude is measured from."""
@@ -168,20 +168,26 @@ class PeriodDerivatives:
     def _energy_by_x(self) -> np.ndarray:
         """Derivatives (m,) of the energy of the start, of which the variables are held."""
         model, tape, none = self._shooting.model, self._shooting.tape, np.zeros(1, dtype=int)
-        changes, at_start, steps = self._of_scene, self._start_by_x(), SubSteps(model, tape, none)
+        changes, at_start, steps = (
+            self._scene_changes,
+            self._start_by_x(),
+            SubSteps(model, tape, none),
+        )
         blocks = energy_blocks(steps, "energy of steps", none, none)
-        by_x = jvp(blocks, (1,), at_start, changes)[0]
+        slopes = jvp(blocks, (1,), at_start, changes)[0]
         if model.data.loads.constant and model.data.loads.functions:
             loads, q = model.data.loads.unit_loads, self._period.start.q
             factors = floats(model.data.loads.series(np.zeros(1)))[0]
             columns = np.repeat(np.arange(loads.shape[1]), np.diff(loads.indptr))
-            by_x = by_x - changes["columns"] @ (q[loads.indices] * factors[columns])
-            of_factors = changes["loads"].reshape(len(self._parameters.x), -1, loads.shape[1])[:, 0]
-            by_x = by_x - of_factors @ (loads.T @ q) - at_start["q"][0] @ (loads @ factors)
-        return by_x
+            slopes = slopes - changes["columns"] @ (q[loads.indices] * factors[columns])
+            factor_changes = changes["loads"].reshape(len(self._parameters.x), -1, loads.shape[1])[
+                :, 0
+            ]
+            slopes = slopes - factor_changes @ (loads.T @ q) - at_start["q"][0] @ (loads @ factors)
+        return slopes
 
     def _of_fold(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Those (m,) of the period: the left vector of S_y - 1 leaves the frequency alone."""
+        """Derivatives (m,) of the period: the left vector of S_y - 1 leaves the frequency alone."""
         period, frequency = self._period, self._cycle.period.parameter
         vector = np.linalg.svd(matrix)[0][:, -1]
 
@@ -189,9 +195,9 @@ class PeriodDerivatives:
             other = Shooting(self._scene_of(frequency * (1 + change)), self._cycle.options)
             return other.run(period.start, period.length / (1 + change)).gap
 
-        of_frequency = slope(gap, CHANGE)[self._by.independent]
+        frequency_slope = slope(gap, CHANGE)[self._directions.independent]
         self.lay()
-        return (vector @ right) / (vector @ of_frequency)  # of the period, the inverse
+        return (vector @ right) / (vector @ frequency_slope)  # of the period, the inverse
 
     def multipliers(self, n: int) -> tuple[np.ndarray, np.ndarray]:
         """The n largest multipliers (n,), and their derivatives (n, m)."""
@@ -209,15 +215,15 @@ class PeriodDerivatives:
             if apart < _TWICE * abs(value):
                 raise SceneError(f"{WHAT}: the double multiplier {value:.4g} has no derivatives")
             left_vector = left[:, k].conj() / (left[:, k].conj() @ right[:, k])
-            for factor, along in ((1.0, right[:, k].real), (1j, right[:, k].imag)):
-                if along.any():
-                    derivatives[i] += factor * (left_vector @ self._of_deviation(along))
+            for factor, vector_part in ((1.0, right[:, k].real), (1j, right[:, k].imag)):
+                if vector_part.any():
+                    derivatives[i] += factor * (left_vector @ self._of_deviation(vector_part))
         self.lay()
         return known[:n].astype(complex), derivatives
 
     def _of_deviation(self, deviation: np.ndarray) -> np.ndarray:
         """Derivatives (n, m) by x of what becomes of a deviation (n,) of the start in a period."""
-        shooting, period, basis = self._shooting, self._period, self._by
+        shooting, period, basis = self._shooting, self._period, self._directions
         unit = basis.matrix[basis.independent]
 
         def beside(change: float) -> np.ndarray:
@@ -226,17 +232,19 @@ class PeriodDerivatives:
             # The same change of independent variables; dependent ones follow from the moved state.
             moved = shooting.variables.directions(start, period.length)
             amounts = np.linalg.solve(moved.matrix[basis.independent], unit @ self._start.T).T
-            changes = _added(self._of_scene, moved, amounts)
+            changes = _added(self._scene_changes, moved, amounts)
             return shooting.slopes(changes, period)[0][basis.independent]
 
         def longer(change: float) -> np.ndarray:
             shooting.run(period.start, period.parameter * (1 + change))
-            return shooting.slopes(along, period)[0][basis.independent]
+            return shooting.slopes(changes_along, period)[0][basis.independent]
 
         size = period.size if period.moves else 1.0
         rows = slope(beside, _DEVIATION * size / abs(deviation).max())
         if self.period.any():
-            along = {name: np.tensordot(deviation[None], x, 1) for name, x in basis.changes.items()}
+            changes_along = {
+                name: np.tensordot(deviation[None], x, 1) for name, x in basis.changes.items()
+            }
             rows += slope(longer, CHANGE) * self.period
         return np.linalg.solve(unit, rows)
 

@@ -198,21 +198,22 @@ class PeriodicAnalysis(Analysis):
     # -- Derivatives ------------------------------------------------------------------------------
 
     @property
-    def _by_x(self) -> PeriodDerivatives:
+    def _derivatives(self) -> PeriodDerivatives:
         """Derivatives of the start and the period of the last motion."""
         if self._period_derivatives is None:
-            of_motion = self.motion, self._shooting, self._numbers_of, self._scene_of
-            self._period_derivatives = PeriodDerivatives(self.parameters, *of_motion)
+            self._period_derivatives = PeriodDerivatives(
+                self.parameters, self.motion, self._shooting, self._numbers_of, self._scene_of
+            )
         return self._period_derivatives
 
     def of_single(self) -> np.ndarray:
         """As of `Analysis`, of the period."""
-        return self._period.length * self._by_x.period
+        return self._period.length * self._derivatives.period
 
     def multipliers(self, n: int) -> tuple[np.ndarray, np.ndarray]:
         """The n largest multipliers (n,), and their derivatives (n, m)."""
         self._check_rows()
-        return self._by_x.multipliers(n)
+        return self._derivatives.multipliers(n)
 
     def _check_rows(self) -> None:
         """SceneError for motions whose rows have no derivatives."""
@@ -224,8 +225,8 @@ class PeriodicAnalysis(Analysis):
 
     def of_length(self, names: Iterable[str]) -> dict[str, np.ndarray]:
         """As of `Analysis`, by the period at the same start."""
-        by_x, period, names = self._by_x, self._period, list(names)
-        if not by_x.period.any():
+        derivatives, period, names = self._derivatives, self._period, list(names)
+        if not derivatives.period.any():
             return {}
 
         def longer(change: float) -> list[np.ndarray]:
@@ -235,8 +236,8 @@ class PeriodicAnalysis(Analysis):
 
         pairs = zip(names, longer(-CHANGE), longer(CHANGE), strict=True)
         slopes = {name: (above - below) / (2 * CHANGE) for name, below, above in pairs}
-        by_x.lay()
-        return {name: rows[..., None] * by_x.period for name, rows in slopes.items()}
+        derivatives.lay()
+        return {name: rows[..., None] * derivatives.period for name, rows in slopes.items()}
 
     def followed(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
         """As of `Analysis`."""
@@ -246,7 +247,7 @@ class PeriodicAnalysis(Analysis):
     def changes(self) -> dict[str, np.ndarray]:
         """As of `Analysis`, with the changes of the start of the motion."""
         self._check_rows()
-        return self._by_x.changes  # which have the steps of the motion on the tape
+        return self._derivatives.changes  # which have the steps of the motion on the tape
 
     def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:
         """Numbers of the steps of this motion for another scene, from the same state."""

@@ -162,7 +162,7 @@ class Response(OfParameters):
         self._warned = False
 
     def _shared(self) -> Parametrised:
-        """What its objectives share with it; copies of them copy it by this method."""
+        """Parameters that its objectives share with it; copies of them copy them by this method."""
         return self._parameters
 
     def _read(self, built: Any) -> tuple[Scene, dict[str, Wanted]]:
@@ -235,18 +235,16 @@ class Response(OfParameters):
         """
         checked, analysis = self._checked_weights(weights), self._analysis
         singles, outputs = self._chosen(checked, "Response.vjp: weights")
-        by_x, forwards = (
-            np.zeros(len(self._parameters.x)),
-            [*checked] if analysis.forwards else singles,
-        )
+        gradient = np.zeros(len(self._parameters.x))
+        forwards = [*checked] if analysis.forwards else singles
         for name, rows in self.jacobian(*forwards).items() if forwards else ():
-            by_x += np.tensordot(checked[name], rows, checked[name].ndim)
+            gradient += np.tensordot(checked[name], rows, checked[name].ndim)
         if analysis.forwards or not outputs:
-            return by_x
+            return gradient
         tape, derivatives, changes, observe, entries = self._begin_derivatives("vjp", outputs)
         boundaries = analysis.boundaries(tape)
         changing = {*self._parameters.scenes.changing, "hold"} & changes.keys()
-        by_numbers = {name: np.zeros(changes[name].shape[1:]) for name in changing}
+        number_slopes = {name: np.zeros(changes[name].shape[1:]) for name in changing}
         counting = np.zeros(len(analysis.t), dtype=bool)  # others need no states, nor fitted rates
         for name in outputs:
             counting |= checked[name].reshape(len(counting), -1).any(axis=1)
@@ -259,17 +257,18 @@ class Response(OfParameters):
                 return {}, boundaries[:0], boundaries[:0]
             chosen = dict(outputs) if len(inner) else {name: outputs[name] for name in later}
             observed = observe(chosen, boundaries[inner])
-            of_part = {name: checked[name][inner] for name in chosen}
-            of_state = observed.vjp(of_part, later, by_numbers)
-            return of_state, observed.boundaries, observed.sub_steps
+            part_weights = {name: checked[name][inner] for name in chosen}
+            state_slopes = observed.vjp(part_weights, later, number_slopes)
+            return state_slopes, observed.boundaries, observed.sub_steps
 
-        of_steps = derivatives.vjp(tape, weights_of, changing, entries)
+        step_slopes = derivatives.vjp(tape, weights_of, changing, entries)
         self.stats.gradient_growth = growth = derivatives.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
-        for name, slopes in of_steps.items():
-            by_numbers[name] += slopes.reshape(by_numbers[name].shape)
-        return sum((along(changes[name], slopes) for name, slopes in by_numbers.items()), by_x)
+        for name, slopes in step_slopes.items():
+            number_slopes[name] += slopes.reshape(number_slopes[name].shape)
+        parts = (along(changes[name], slopes) for name, slopes in number_slopes.items())
+        return sum(parts, gradient)
 
     @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
@@ -296,9 +295,9 @@ class Response(OfParameters):
         """
         names, analysis = names or tuple(self._names), self._analysis
         singles, outputs = self._chosen(names, "Response.jacobian: names")
-        by_x = dict.fromkeys(singles, analysis.of_single()) if singles else {}
+        jacobian = dict.fromkeys(singles, analysis.of_single()) if singles else {}
         if not outputs:
-            return by_x
+            return jacobian
         tape, derivatives, changes, observe, entries = self._begin_derivatives("jacobian", outputs)
         boundaries, parts = analysis.boundaries(tape), list[dict[str, np.ndarray]]()
         earlier = {name: np.zeros(len(self._parameters.x)) for name in summed(outputs)}
@@ -311,14 +310,14 @@ class Response(OfParameters):
             observed = observe(chosen, inner)
             return observed.boundaries, observed.sub_steps
 
-        for of_state in derivatives.jvp_parts(tape, changes, rows_of, entries):
-            rows = observed.jvp(of_state, changes, earlier)
+        for state_changes in derivatives.jvp_parts(tape, changes, rows_of, entries):
+            rows = observed.jvp(state_changes, changes, earlier)
             if rows.keys() == outputs.keys():
                 parts.append(rows)
-        by_x |= {name: np.concatenate([rows[name] for rows in parts]) for name in outputs}
-        for name, by_length in analysis.of_length(outputs).items():
-            by_x[name] += by_length
-        return {name: by_x[name] for name in names}
+        jacobian |= {name: np.concatenate([rows[name] for rows in parts]) for name in outputs}
+        for name, length_slopes in analysis.of_length(outputs).items():
+            jacobian[name] += length_slopes
+        return {name: jacobian[name] for name in names}
 
     def objective(self, function: Cost) -> Objective:
         """A number of the whole motion as a function of x, with its derivatives by x.
@@ -415,11 +414,11 @@ class Response(OfParameters):
         changes, entries = self._changes, read_entries(model, outputs)
         self._warned = self._warned or warn_of_short_reversals(model, tape)
         # Forms are compiled beside the library, for which names wait.
-        by_places = "X" in self._parameters.scenes.changing
-        derivatives.set_slopes(by_places)
+        has_places = "X" in self._parameters.scenes.changing
+        derivatives.set_slopes(has_places)
         refuse_others(changes, derivatives.names, "Response")
         forces = functools.partial(derivatives.constraint_forces, tape)
-        arguments = model, tape, forces, entries, by_places, self._analysis.known_numbers()
+        arguments = model, tape, forces, entries, has_places, self._analysis.known_numbers()
         observe = functools.partial(Observation, *arguments)
         return tape, derivatives, changes, observe, entries
 

@@ -39,7 +39,7 @@ def numbers_of_places(outputs: Mapping[str, Any], known: Mapping[str, Any]) -> d
 
 
 class Needs(NamedTuple):
-    """What outputs read besides the states at their rows."""
+    """Needs of outputs besides the states at their rows."""
 
     #: Rates that fit the joints, or forces; accelerations or forces at the start.
     rates: bool = False
@@ -98,13 +98,13 @@ class RowOutput:
 
     @classmethod
     def record_of(cls, measured: Measured) -> str:
-        """What of a `Record` has it: "motion", "rates" or "forces"; empty for nothing."""
+        """Part of a `Record` that has it: "motion", "rates" or "forces"; empty for nothing."""
         recorded = HISTORIES.get(measured.quantity.of)
         return cls.record if recorded is None else recorded.record
 
     @classmethod
     def needs(cls, model: Model, measured: Measured) -> Needs:
-        """What it reads in a run of a model."""
+        """Its needs in a run of a model."""
         record = cls.record_of(measured)
         start = record == "forces" or measured.quantity.of == "a"
         return Needs(rates=record in ("rates", "forces"), start=start)
@@ -121,9 +121,11 @@ class RowOutput:
         counting = np.flatnonzero(weights.any(axis=tuple(range(1, weights.ndim))))
         vjp(self.blocks(counting), weights, gradient)
 
-    def jvp(self, rows: int, earlier: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
+    def jvp(
+        self, rows: int, earlier: np.ndarray, state_changes: Arrays, changes: Arrays
+    ) -> np.ndarray:
         """Changes (rows, ..., m) from those of the states and of the numbers of the scene.
 
         `earlier` (m,) is the sum over earlier parts of a tape, to which this one adds.
         """
-        return jvp(self.blocks(np.arange(rows)), (rows, *self.shape), of_state, changes)
+        return jvp(self.blocks(np.arange(rows)), (rows, *self.shape), state_changes, changes)

@@ -39,11 +39,11 @@ def numbers_of_sections(
     """Numbers of a scene in the sub-steps of a tape; equilibria have their loads at one time."""
     mesh, level, times = model.mesh, model.scheme.rates.level, tape.times
     X = mesh.positions_of(scene)
-    on = LoadedBeams.of(scene)
-    loads = ElementLoads(model, on, X)
+    loaded_beams = LoadedBeams.of(scene)
+    loads = ElementLoads(model, loaded_beams, X)
     start, last = times.starts[:1], np.zeros(1)
 
-    def in_steps(function: Callable[[np.ndarray], Any]) -> Any:
+    def values_in_steps(function: Callable[[np.ndarray], Any]) -> Any:
         if rest_time is not None:
             factors = np.append(tape.memories, last)
             return factors[:, None] * function(np.array([rest_time]))
@@ -63,7 +63,7 @@ def numbers_of_sections(
         numbers |= {
             _MASSES + OF_OUTPUT + name: dual_array(loads.masses)[cell],
             _DIRECTIONS + OF_OUTPUT + name: directions_at_ends(X[mesh.elements[[cell]]])[0],
-            _DEAD + OF_OUTPUT + name: _on_element(loads, cell, in_steps),
+            _DEAD + OF_OUTPUT + name: _on_element(loads, cell, values_in_steps),
         }
     return numbers
 
@@ -74,7 +74,7 @@ def _cell(model: Model, place: Any) -> int:
     return int(model.mesh.cells[names.index(place.beam.name)][place.element[0]])
 
 
-def _on_element(loads: ElementLoads, cell: int, in_steps: Callable) -> Any:
+def _on_element(loads: ElementLoads, cell: int, values_in_steps: Callable) -> Any:
     """Dead loads (sub-steps + 1, width) on an element."""
     dofs, dead = loads.torn.unknowns.dofs[cell], loads.dead
     width, columns = len(dofs), len(dead.starts) - 1
@@ -84,9 +84,9 @@ def _on_element(loads: ElementLoads, cell: int, in_steps: Callable) -> Any:
     column = np.repeat(np.arange(columns), np.diff(dead.starts))[there]
     flat = column * width + place[dead.rows[there]]
     unit = np.bincount(flat, dead.entries[there], columns * width).reshape(columns, width)
-    total = in_steps(lambda t: dead.series(t) @ unit)
+    total = values_in_steps(lambda t: dead.series(t) @ unit)
     if loads.weight is not None:
-        total = total + in_steps(lambda t: np.ones((len(t), 1))) * loads.weight[dofs]
+        total = total + values_in_steps(lambda t: np.ones((len(t), 1))) * loads.weight[dofs]
     return total
 
 
@@ -109,15 +109,15 @@ class _Element(NamedTuple):
     dofs: np.ndarray
     turns: np.ndarray
     #: Places (2, 3) of the forces at its ends in those of all its nodes.
-    at_ends: np.ndarray
+    end_places: np.ndarray
 
     @classmethod
     def of(cls, model: Model, measured: Measured) -> _Element:
         """The element of an output."""
         cell, mesh = _cell(model, measured.place), model.mesh
         dofs, ends = mesh.unknowns.dofs[cell], mesh.dofs[mesh.elements[cell, [0, -1]]]
-        at_ends = np.argsort(dofs)[np.searchsorted(np.sort(dofs), ends)]
-        return cls(cell, "NQM".index(measured.name), dofs, ends[:, 2], at_ends)
+        end_places = np.argsort(dofs)[np.searchsorted(np.sort(dofs), ends)]
+        return cls(cell, "NQM".index(measured.name), dofs, ends[:, 2], end_places)
 
 
 class SectionOutput(RowOutput):
@@ -152,8 +152,8 @@ class SectionOutput(RowOutput):
         forces, turns, gauss = (np.zeros((count, size)) for size in (len(element.dofs), 2, degree))
         for group, parts in self._batches(np.arange(len(self._steps))):
             rows, share = self._rows[group], self._shares[group, None]
-            on_nodes = self._beams.forces_of_cells(parts)[:, element.cell]
-            np.add.at(forces, rows, share * (on_nodes - dead[self._steps[group]]))
+            node_forces = self._beams.forces_of_cells(parts)[:, element.cell]
+            np.add.at(forces, rows, share * (node_forces - dead[self._steps[group]]))
             level = parts.q + model.scheme.rates.level * parts.D
             np.add.at(turns, rows, share * level[:, element.turns])
             points = self._beams.resultants(parts)[:, element.cell, :, element.component]
@@ -164,35 +164,35 @@ class SectionOutput(RowOutput):
             mass = np.tensordot(masses, masses_of_points(degree), 1)
             forces += a @ mass
         signs, angles = np.array([[-1.0], [1.0]]), numbers[self._number(_DIRECTIONS)] + turns
-        ends = components(signs * forces[:, element.at_ends], angles)
+        ends = components(signs * forces[:, element.end_places], angles)
         (x, h), values = numbers[place_of(self._name)], np.hstack([ends.reshape(-1, 6), gauss])
 
-        def slope(by: np.ndarray) -> np.ndarray:
+        def slope(change: np.ndarray) -> np.ndarray:
             """Along a change of x and h: shares are polynomials of the fourth degree at most."""
-            points = [(x, h) + k * by for k in (-2, -1, 1, 2)]
+            points = [(x, h) + k * change for k in (-2, -1, 1, 2)]
             shares = np.array([_shares(element.component, degree, *point) for point in points])
             return values @ shares.T @ np.array([1.0, -8.0, 8.0, -1.0]) / 12
 
         steps = np.diag([_STEP, _STEP * h])
-        by_place = np.stack([slope(step) for step in steps], axis=1) / np.diag(steps)
+        place_slopes = np.stack([slope(step) for step in steps], axis=1) / np.diag(steps)
         shares = _shares(element.component, degree, x, h)
-        of_ends = shares[:6].reshape(2, 3)
-        by_angles = of_ends[:, 0] * ends[..., 1] - of_ends[:, 1] * ends[..., 0]
-        c, s, (N, Q, M) = np.cos(angles), np.sin(angles), of_ends.T
-        by_ends = np.stack([c * N - s * Q, s * N + c * Q, np.broadcast_to(M, c.shape)], axis=-1)
+        end_shares = shares[:6].reshape(2, 3)
+        angle_slopes = end_shares[:, 0] * ends[..., 1] - end_shares[:, 1] * ends[..., 0]
+        c, s, (N, Q, M) = np.cos(angles), np.sin(angles), end_shares.T
+        end_slopes = np.stack([c * N - s * Q, s * N + c * Q, np.broadcast_to(M, c.shape)], axis=-1)
         #: Derivatives by forces (n, width) on the nodes, angles (n, 2) at the ends, and values
         #: (degree,) at the Gauss points; blocks of those that are no sums over sub-steps.
-        self._by_forces, self._by_angles = np.zeros_like(forces), by_angles
-        self._by_gauss = shares[6:]
-        self._by_forces[:, element.at_ends] = signs * by_ends
+        self._force_slopes, self._angle_slopes = np.zeros_like(forces), angle_slopes
+        self._gauss_slopes = shares[6:]
+        self._force_slopes[:, element.end_places] = signs * end_slopes
         every = np.arange(count)
-        self._of_rows = [of_rows(place_of(self._name), every, by_place)]
-        self._of_rows.append(of_rows(self._number(_DIRECTIONS), every, by_angles))
+        self._row_blocks = [of_rows(place_of(self._name), every, place_slopes)]
+        self._row_blocks.append(of_rows(self._number(_DIRECTIONS), every, angle_slopes))
         if mass is not None:
-            of_points = np.einsum("nw,pwv->npv", self._by_forces, masses_of_points(degree))
-            of_points = np.einsum("npv,nv->np", of_points, a)
-            self._of_rows.append(of_rows(self._number(_MASSES), every, of_points))
-            self._of_rows += self._by_accelerations(self._by_forces @ mass)
+            point_slopes = np.einsum("nw,pwv->npv", self._force_slopes, masses_of_points(degree))
+            point_slopes = np.einsum("npv,nv->np", point_slopes, a)
+            self._row_blocks.append(of_rows(self._number(_MASSES), every, point_slopes))
+            self._row_blocks += self._by_accelerations(self._force_slopes @ mass)
 
     def _number(self, kind: str) -> str:
         """The name of numbers of a kind."""
@@ -222,33 +222,33 @@ class SectionOutput(RowOutput):
         """Its derivatives in some of the rows."""
         for chosen, parts in self._batches(np.flatnonzero(np.isin(self._rows, rows))):
             yield from self._of_steps(chosen, parts)
-        yield from self._of_rows
+        yield from self._row_blocks
 
     def _of_steps(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[Block]:
         """By what forms read of some sub-steps, and by dead loads in them."""
         sub_steps, element = self._sub_steps, self._element
         steps, rows, shares = self._steps[chosen], self._rows[chosen], self._shares[chosen, None]
-        model, weights = sub_steps.model, shares * self._by_forces[rows]
-        by_name = BeamSlopes(self._beams).forces(parts, sub_steps.by_places, weights, element.cell)
-        if self._by_gauss.any():
-            arguments = parts, sub_steps.by_places, element.component
-            for name, entries, by_points in BeamSlopes(self._beams).resultants(*arguments):
-                values = self._by_gauss @ by_points[:, element.cell]
-                of_cell = Block(name, entries[element.cell], rows, shares * values)
-                yield from sub_steps.in_steps(steps, [of_cell])
+        model, weights = sub_steps.model, shares * self._force_slopes[rows]
+        by_name = BeamSlopes(self._beams).forces(parts, sub_steps.has_places, weights, element.cell)
+        if self._gauss_slopes.any():
+            arguments = parts, sub_steps.has_places, element.component
+            for name, entries, point_values in BeamSlopes(self._beams).resultants(*arguments):
+                values = self._gauss_slopes @ point_values[:, element.cell]
+                block = Block(name, entries[element.cell], rows, shares * values)
+                yield from sub_steps.in_steps(steps, [block])
         for name, factor in (("increment", model.scheme.rates.level), ("start", 1.0)):
             turned = by_name.setdefault(name, np.zeros((len(chosen), model.size)))
-            turned[:, element.turns] += factor * shares * self._by_angles[rows]
+            turned[:, element.turns] += factor * shares * self._angle_slopes[rows]
         yield from sub_steps.in_steps(steps, of_names(rows, by_name))
         loads = np.where(steps < 0, len(sub_steps.tape), steps)
         yield of_rows(self._number(_DEAD), rows, -weights, loads)
 
-    def _by_accelerations(self, by_a: np.ndarray) -> Iterator[Block]:
+    def _by_accelerations(self, slopes: np.ndarray) -> Iterator[Block]:
         """By rates and accelerations at the start, from derivatives (n, width) by means."""
         places, moved = self._places, self._places.moved
         dofs, rates = self._element.dofs, self._sub_steps.rates
-        per_time = by_a[moved] / places.steps.lengths[moved, None]
+        rate_slopes = slopes[moved] / places.steps.lengths[moved, None]
         for states, sign in ((places.ends, 1.0), (places.starts, -1.0)):
-            yield Block(rates, dofs, moved, sign * per_time, states[moved])
+            yield Block(rates, dofs, moved, sign * rate_slopes, states[moved])
         if len(places.at_start):
-            yield Block("a", dofs, places.at_start, by_a[places.at_start])
+            yield Block("a", dofs, places.at_start, slopes[places.at_start])

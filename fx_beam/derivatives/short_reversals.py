@@ -47,8 +47,8 @@ def _first_reversals(model: Model, tape: Tape) -> Iterator[tuple[int, int, str, 
     for first in range(present.first, present.end, _AT_ONCE):
         rows = np.arange(first, min(first + _AT_ONCE, present.end) + 1)
         states = tape.states(rows, "q", "slides")
-        of_rows = [sign.coordinate(states["q"], states["slides"]) for sign in frictions]
-        paths.append(np.diff(of_rows, axis=1))
+        coordinates = [sign.coordinate(states["q"], states["slides"]) for sign in frictions]
+        paths.append(np.diff(coordinates, axis=1))
     rates = np.concatenate(paths, axis=1) / lengths
     for sign, rate in zip(frictions, rates, strict=True):
         fast = np.flatnonzero(abs(rate) > _SMALL * sign.speed)

@@ -105,7 +105,7 @@ class StaticDerivatives:
         return static_numbers_of(self.model, data, self.path.forcing.time, factors)
 
     def changes(self, derivatives: DerivativesOf) -> dict[str, np.ndarray]:
-        """Those of all numbers with x, by `derivatives` of the numbers of scenes."""
+        """Changes (m, ...) of all numbers with x, by `derivatives` of the numbers of scenes."""
         if self.tape.hold is None:
             return derivatives(self.numbers_of)
         # What holds the springs is what is left without it in the reference.
@@ -113,8 +113,8 @@ class StaticDerivatives:
         tape = static_tape(problem, first, [first], self.path.forcing)
         at_rest = derivatives(functools.partial(self._numbers_at, np.zeros(1)))
         row_and_share = np.zeros(1, dtype=int), np.ones(1)
-        of_held, _ = self.derivatives.jvp_of_equations(tape, at_rest, None, *row_and_share)
-        hold = (1 - self.factors)[None, :, None] * of_held[0][:, None]
+        held_forces, _ = self.derivatives.jvp_of_equations(tape, at_rest, None, *row_and_share)
+        hold = (1 - self.factors)[None, :, None] * held_forces[0][:, None]
         return derivatives(self.numbers_of) | {"hold": hold}
 
     def change_of_end(
@@ -135,15 +135,15 @@ class StaticDerivatives:
         outputs |= {name: Measured(Output(name, self.model.scene)) for name in self._summed()}
         forces = functools.partial(self.derivatives.constraint_forces, self.tape)
         none: dict[str, np.ndarray] = {}
-        of_tape = self.model, self.tape, forces, none, True, none
-        observed = Observation(*of_tape, outputs, boundaries[-1:])
-        of_state = {
+        arguments = self.model, self.tape, forces, none, True, none
+        observed = Observation(*arguments, outputs, boundaries[-1:])
+        state_changes = {
             name: rows[observed.sub_steps if name in forces_of.values() else observed.boundaries]
             for name, rows in changed_rows.items()
         }
         count = len(changes["X"])
         earlier = {name: np.zeros(count) for name in self._summed()}
-        values = observed.jvp(of_state, changes, earlier)
+        values = observed.jvp(state_changes, changes, earlier)
         at_end["line_forces"] = np.zeros((count, once(self.model, sizes_of)["lines"]))
         for pull in pulls:
             number = pull.place.number

@@ -34,27 +34,27 @@ class SubSteps:
         model: Model,
         tape: Tape,
         boundaries: np.ndarray,
-        by_places: bool = True,
-        of_forces: bool = False,
+        has_places: bool = True,
+        reads_forces: bool = False,
     ):
         self.model, self.tape, self.boundaries = model, tape, boundaries
         #: Whether derivatives by the positions of nodes are wanted.
-        self.by_places = by_places
+        self.has_places = has_places
         #: Name of the rates of nodes.
         self.rates = "rates" if model.fits_rates else "v"
-        of_scene, self._level = model.forms.parameters, model.scheme.rates.level
+        parameters, self._level = model.forms.parameters, model.scheme.rates.level
         #: Values of the parameters (sub-steps, 2, n) at the level of the scheme and at the ends.
         self._parameters = None
-        if len(of_scene):
+        if len(parameters):
             times = tape.times
             arguments = times.starts, times.ends, self._level
-            self._parameters = floats(of_scene.signals.over_steps(*arguments))
-            self._at_start = of_scene.at(float(times.starts[0]))[None]
+            self._parameters = floats(parameters.signals.over_steps(*arguments))
+            self._at_start = parameters.at(float(times.starts[0]))[None]
         # Length of the short step for the resultants at the start [s], and 1 if these, or all
         # forces of elements that are wanted, depend on rates, else 0.
         self._short, beams = INSTANT * tape.times.first_length, model.forms.beams
         moves = beams is not None and (
-            beams.depend_on_rates if of_forces else beams.facts.resultants_move
+            beams.depend_on_rates if reads_forces else beams.facts.resultants_move
         )
         self._moves = float(moves)
 
@@ -85,14 +85,14 @@ class SubSteps:
     def parts(self, steps: np.ndarray) -> StepBatch:
         """Sub-steps by their numbers; -1 for the start of the run."""
         tape, model, states, starts = self.tape, self.model, self.states, steps < 0
-        first, (before, after, _) = np.maximum(steps, 0), self.places(steps)
-        q, dt = states["q"][before], np.where(starts, self._short, tape.times.lengths[first])
-        D = without_turns(model, states["q"][after] - q)
-        D[starts] = self._moves * self._short * states["v"][before[starts]]
+        first, (begins, ends, _) = np.maximum(steps, 0), self.places(steps)
+        q, dt = states["q"][begins], np.where(starts, self._short, tape.times.lengths[first])
+        D = without_turns(model, states["q"][ends] - q)
+        D[starts] = self._moves * self._short * states["v"][begins[starts]]
         q[starts] -= self._level * D[starts]
-        arrays = {name: states[name][before] for name in ("internal", "natural")}
-        arrays["q_previous"] = states["q previous"][before]
-        arrays["natural_end"] = states["natural"][np.where(starts, before, after)]
+        arrays = {name: states[name][begins] for name in ("internal", "natural")}
+        arrays["q_previous"] = states["q previous"][begins]
+        arrays["natural_end"] = states["natural"][np.where(starts, begins, ends)]
         if self._parameters is not None:
             arrays["parameters"] = self._parameters[first, 0]
             arrays["parameters"][starts] = self._at_start
@@ -127,14 +127,14 @@ class SubSteps:
     def at_states(self, boundaries: np.ndarray, blocks: Iterable[Block]) -> Iterator[Block]:
         """Blocks, from those by what `at` gives, and by numbers of the scene."""
         places = np.searchsorted(self.boundaries, boundaries)
-        of_ends = len(self.model.forms.parameters)
+        count = len(self.model.forms.parameters)
         for block in blocks:
             if block.name != "parameters":
                 yield block._replace(places=places if block.name in self.states else None)
                 continue
             for which in self.kinds(boundaries - 1):
                 name, steps = _parameters_of(boundaries[which] - 1)
-                entries = np.arange(of_ends)[block.entries] + (0 if steps is None else of_ends)
+                entries = np.arange(count)[block.entries] + (0 if steps is None else count)
                 part = block._replace(name=name, entries=entries, places=steps)
                 yield part._replace(rows=part.rows[which], derivatives=part.derivatives[which])
 
@@ -142,10 +142,10 @@ class SubSteps:
         """Blocks, from those by what forms read of sub-steps, or of the start."""
         sources = self._sources(steps)
         for block in blocks:
-            if (of_name := sources.get(block.name)) is None:
+            if (name_terms := sources.get(block.name)) is None:
                 yield block
                 continue
-            for which, array, places, factor in of_name:
+            for which, array, places, factor in name_terms:
                 part = block._replace(name=array, rows=block.rows[which], places=places)
                 yield part._replace(derivatives=block.derivatives[which]).times(factor)
 
@@ -158,21 +158,23 @@ class SubSteps:
         sources: dict[str, list[tuple[np.ndarray, str, Any, float]]] = {}
         all_places, moved = self.places(steps), self._moves * self._short
         for which in self.kinds(steps):
-            (before, after, earlier), first = all_places[:, which], steps[which[0]]
-            starts: list[tuple[str, Any, float]] = [("q", before, 1.0)]
-            increments = [("q", after, 1.0), ("q", before, -1.0)]
+            (begins, ends, earlier), first = all_places[:, which], steps[which[0]]
+            starts: list[tuple[str, Any, float]] = [("q", begins, 1.0)]
+            increments = [("q", ends, 1.0), ("q", begins, -1.0)]
             if first < 0:
-                starts.append(("v", before, -self._level * moved))
-                increments = [("v", before, moved)]
-            of_before = first == 0 and self.tape.memories[0]  # of what came before
-            previous = ("q previous", None) if of_before else ("q", earlier)
-            terms = {name: [(name, before, 1.0)] for name in _AT_START}
+                starts.append(("v", begins, -self._level * moved))
+                increments = [("v", begins, moved)]
+            has_previous = first == 0 and self.tape.memories[0]  # of what came before
+            previous = ("q previous", None) if has_previous else ("q", earlier)
+            terms = {name: [(name, begins, 1.0)] for name in _AT_START}
             terms |= {"start": starts, "increment": increments, "q_previous": [(*previous, 1.0)]}
-            terms["slide increment"] = [("slides", after, 1.0), ("slides", before, -1.0)]
-            terms["natural_end"] = [("natural", before if first < 0 else after, 1.0)]
+            terms["slide increment"] = [("slides", ends, 1.0), ("slides", begins, -1.0)]
+            terms["natural_end"] = [("natural", begins if first < 0 else ends, 1.0)]
             terms["parameters"] = [(*_parameters_of(steps[which]), 1.0)]
-            for name, of_name in terms.items():
-                sources.setdefault(name, []).extend((which, *term) for term in of_name if term[2])
+            for name, name_terms in terms.items():
+                sources.setdefault(name, []).extend(
+                    (which, *term) for term in name_terms if term[2]
+                )
         return sources
 
 

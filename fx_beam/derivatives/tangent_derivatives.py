@@ -52,21 +52,21 @@ class Pairs(NamedTuple):
     #: Motions r (p, free), and l (n, free); the number (n,) of the motion r of each.
     right: np.ndarray
     left: np.ndarray
-    of: np.ndarray
+    owner: np.ndarray
     #: Factors k, c and m, each one number or (n,).
     stiffness: Any
     damping: Any = 0.0
     mass: Any = 0.0
     times: Any = 1.0
     #: Forces (size,) times T l, and (n, size) times T r.
-    on_left: Any = 0.0
-    on_right: Any = 0.0
+    left_forces: Any = 0.0
+    right_forces: Any = 0.0
     #: Motion (size,) of the nodes that is added to T r in m l.M r; None for none.
     base: np.ndarray | None = None
 
 
-class _Along(NamedTuple):
-    """Directions (d, free), their times [s], and the terms of n sums along them.
+class _Terms(NamedTuple):
+    """Terms of n sums along directions (d, free), and their times [s].
 
     Of each the number (n,) of its direction r, and weights (n, free) of K r and C r. Weights
     (n, size) of the mass times motions (n, size). Numbers with weights (n, size) of motions T r.
@@ -74,10 +74,10 @@ class _Along(NamedTuple):
 
     directions: np.ndarray
     times: np.ndarray
-    of: np.ndarray
+    owner: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
-    by_mass: list[tuple[np.ndarray, np.ndarray]]
+    masses: list[tuple[np.ndarray, np.ndarray]]
     ends: list[tuple[np.ndarray, np.ndarray]]
 
 
@@ -141,8 +141,8 @@ class TangentDerivatives:
         if self._steps.damped and data.natural:
             numbers["natural"] = self._factor * data.natural.numbers_at(forcing.time)
         if start is not None:
-            of_state = numbers_of_state(data, start.at(data, change))
-            numbers |= {name: of_state[name] for name in _OF_STATE & of_state.keys()}
+            state_numbers = numbers_of_state(data, start.at(data, change))
+            numbers |= {name: state_numbers[name] for name in _OF_STATE & state_numbers.keys()}
         return numbers
 
     def by_factor(self) -> dict[str, np.ndarray]:
@@ -166,79 +166,83 @@ class TangentDerivatives:
         if len(weights) > 1 and not self._steps.problem.c.loops.closures:
             return (weights @ self._forwards(motions)).real
         sums = np.zeros((len(weights), len(self.changes["X"])))
-        for row, of_sum in zip(sums, weights, strict=True):
-            by_numbers, by_state = self.followed(motions, of_sum)
-            row += self.by_x(by_numbers)
+        for row, sum_weights in zip(sums, weights, strict=True):
+            number_slopes, state_slopes = self.followed(motions, sum_weights)
+            row += self.by_x(number_slopes)
             if self._state is not None:
-                row += self._state.vjp(by_state)[0]
+                row += self._state.vjp(state_slopes)[0]
         return sums
 
     def by_x(self, slopes: Mapping[str, np.ndarray], changes: Any = None) -> np.ndarray:
         """Derivatives (m,) by x from `slopes` by numbers and `changes` (m, ...) of the numbers."""
         changes, none = changes or self._changing, np.zeros(len(self.changes["X"]))
-        pairs = ((changes[name], by) for name, by in slopes.items() if name in changes)
+        pairs = ((changes[name], slope) for name, slope in slopes.items() if name in changes)
         return sum((linear_change(*pair) for pair in pairs), none)
 
-    def along_motions(self, pairs: Pairs) -> _Along:
+    def along_motions(self, pairs: Pairs) -> _Terms:
         """The motions r of pairs as directions; also l, if motions of nodes depend on the state."""
         about, right, left = self._about, pairs.right, pairs.left
         k, c, m = (np.reshape(x, (-1, 1)) for x in (pairs.stiffness, pairs.damping, pairs.mass))
         T, mass_of = about.T, about.model.masses.matrix
-        moved, directions, motion = _times(T, left), right, _times(T, right)[pairs.of]
-        by_mass, turns = [(m * moved, motion)], list[tuple[Any, np.ndarray]]()
+        moved, directions, motion = _times(T, left), right, _times(T, right)[pairs.owner]
+        masses, turns = [(m * moved, motion)], list[tuple[Any, np.ndarray]]()
         if about.frame is not None:  # Coriolis forces are the mass times these
             turn = 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
-            by_mass.append((c * moved, _times(turn, motion)))
+            masses.append((c * moved, _times(turn, motion)))
             turns.append((turn, c))
         if pairs.base is not None:
-            by_mass.append((m * moved, np.broadcast_to(pairs.base, motion.shape)))
+            masses.append((m * moved, np.broadcast_to(pairs.base, motion.shape)))
         times = np.broadcast_to(pairs.times, len(right))
         ends = list[tuple[np.ndarray, np.ndarray]]()
         if self._derivatives.places_depend:
-            of_nodes = _times(mass_of, moved)
+            node_forces = _times(mass_of, moved)
             moving = sum((factor * _times(turn, motion) for turn, factor in turns), m * motion)
-            turned = (factor * _times(turn.T, of_nodes) for turn, factor in turns)
-            ends = [(pairs.of, sum(turned, pairs.on_right + m * of_nodes))]
-            ends += [(len(right) + np.arange(len(left)), _times(mass_of, moving) + pairs.on_left)]
-            directions, times = np.vstack([right, left]), np.append(times, times[pairs.of])
-        return _Along(directions, times, pairs.of, k * left, c * left, by_mass, ends)
+            turned = (factor * _times(turn.T, node_forces) for turn, factor in turns)
+            ends = [(pairs.owner, sum(turned, pairs.right_forces + m * node_forces))]
+            ends += [
+                (len(right) + np.arange(len(left)), _times(mass_of, moving) + pairs.left_forces)
+            ]
+            directions, times = np.vstack([right, left]), np.append(times, times[pairs.owner])
+        return _Terms(directions, times, pairs.owner, k * left, c * left, masses, ends)
 
     def followed(
-        self, along: _Along, weights: np.ndarray, curved: bool = False
+        self, terms: _Terms, weights: np.ndarray, curved: bool = False
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Derivatives by numbers, and by the state, of the real part of weights (n,) times sums.
 
         If `curved`, with the second derivatives of forces along the direction r in place of K r.
         """
-        numbers = [k[weights != 0] for k in (along.of, *(k for k, _ in along.ends))]
+        numbers = [k[weights != 0] for k in (terms.owner, *(k for k, _ in terms.ends))]
         used = np.unique(np.concatenate(numbers[: 1 if curved else None]))
-        basis, of_used = _basis(along.directions[used], self._steps.unit)
-        parts = np.zeros((len(along.directions), len(basis)), complex)
-        parts[used] = of_used ** (1 + curved)
-        time = self._steps.slow * _mean(along.times[used])
+        basis, factors = _basis(terms.directions[used], self._steps.unit)
+        parts = np.zeros((len(terms.directions), len(basis)), complex)
+        parts[used] = factors ** (1 + curved)
+        time = self._steps.slow * _mean(terms.times[used])
 
         def weighted(indices: np.ndarray, values: np.ndarray) -> np.ndarray:
             """Weights (r, ...) along the basis."""
             return ((weights[:, None] * parts[indices]).T @ values).real
 
-        of_lengths = self._steps.of_lengths(along.stiffness, along.damping, time)
-        on_forces = np.vstack([weighted(along.of, values) for values in of_lengths])
-        on_ends = np.zeros((len(on_forces), len(self._about.start.q)))
-        on_ends[: len(basis)] = sum(weighted(*end) for end in along.ends)
+        length_weights = self._steps.of_lengths(terms.stiffness, terms.damping, time)
+        force_weights = np.vstack([weighted(terms.owner, values) for values in length_weights])
+        end_weights = np.zeros((len(force_weights), len(self._about.start.q)))
+        end_weights[: len(basis)] = sum(weighted(*end) for end in terms.ends)
         steps = self._steps.along(basis, time, curved)
-        by_numbers, by_state = self._backwards(steps, on_forces, on_ends)
-        if "mass" in by_numbers:
-            for n, by_mass in _by_mass(self._steps.problem.model, along, np.flatnonzero(weights)):
-                by_numbers["mass"] = by_numbers["mass"] + (weights[n] @ by_mass).real
-        return by_numbers, by_state
+        number_slopes, state_slopes = self._backwards(steps, force_weights, end_weights)
+        if "mass" in number_slopes:
+            for n, derivatives in _by_mass(
+                self._steps.problem.model, terms, np.flatnonzero(weights)
+            ):
+                number_slopes["mass"] = number_slopes["mass"] + (weights[n] @ derivatives).real
+        return number_slopes, state_slopes
 
-    def _forwards(self, along: _Along) -> np.ndarray:
+    def _forwards(self, terms: _Terms) -> np.ndarray:
         """Derivatives (n, m) of sums by changes of K, C, M and T along a basis."""
-        changes, sums = self.changes, np.zeros((len(along.of), len(self.changes["X"])), complex)
-        basis, parts = _basis(along.directions, self._steps.unit)
-        time = self._steps.slow * _mean(along.times)
-        by_state = None if self._state is None else self._state.jvp()
-        on_forces = self._steps.of_lengths(along.stiffness, along.damping, time)
+        changes, sums = self.changes, np.zeros((len(terms.owner), len(self.changes["X"])), complex)
+        basis, parts = _basis(terms.directions, self._steps.unit)
+        time = self._steps.slow * _mean(terms.times)
+        state_changes = None if self._state is None else self._state.jvp()
+        force_weights = self._steps.of_lengths(terms.stiffness, terms.damping, time)
 
         def add(rows: np.ndarray, k: np.ndarray, weights: np.ndarray) -> None:
             """Add weights (n, size) times rows (r, m, size) along some of the basis."""
@@ -252,15 +256,15 @@ class TangentDerivatives:
             mass = self._steps.problem.model.masses.matrix
             for i in np.flatnonzero(masses.any(axis=1)):
                 changed = scipy.sparse.csr_matrix((masses[i], mass.indices, mass.indptr))
-                for of_mass, motions in along.by_mass:
-                    sums[:, i] += (of_mass * _times(changed, motions)).sum(axis=1)
-        size = 8 * len(on_forces) * basis.shape[1] * sums.shape[1]
+                for mass_weights, motions in terms.masses:
+                    sums[:, i] += (mass_weights * _times(changed, motions)).sum(axis=1)
+        size = 8 * len(force_weights) * basis.shape[1] * sums.shape[1]
         most = max(1, int(_MEMORY / size))
         for group in (slice(k, k + most) for k in range(0, len(basis), most)):
-            forces, ends = self._pushed(self._steps.along(basis[group], time), by_state)
-            for rows, w in zip(np.split(forces, len(on_forces)), on_forces, strict=True):
-                add(rows, along.of, w)
-            for k, w in along.ends:
+            forces, ends = self._pushed(self._steps.along(basis[group], time), state_changes)
+            for rows, w in zip(np.split(forces, len(force_weights)), force_weights, strict=True):
+                add(rows, terms.owner, w)
+            for k, w in terms.ends:
                 add(ends[: len(basis[group])], k, w)
         return sums
 
@@ -274,32 +278,36 @@ class TangentDerivatives:
         none = np.zeros((len(self.changes["X"]), len(self._about.unknowns)))
         return self._pushed(self._steps.one_step(none.shape[1]), none)[0][0]
 
-    def _pushed(self, steps: Steps, by_state: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def _pushed(
+        self, steps: Steps, state_changes: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Changes (rows, m, ...) of residuals and ends of steps, with all numbers and the state."""
-        arguments = self._steps.tape(steps), self.changes, by_state, steps.rows, steps.shares
+        arguments = self._steps.tape(steps), self.changes, state_changes, steps.rows, steps.shares
         return self._derivatives.jvp_of_equations(*arguments)
 
     def _backwards(
-        self, steps: Steps, weights: np.ndarray, of_ends: np.ndarray
+        self, steps: Steps, weights: np.ndarray, end_weights: np.ndarray
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Derivatives of weighted residuals and ends of steps, by numbers and by the state.
 
         Those by numbers hold the state, if this follows from other numbers.
         """
         unknowns, tape = self._about.unknowns, self._steps.tape(steps)
-        arguments = tape, steps.rows, steps.shares, self._steps.spread(weights), of_ends
-        of_state, names = unknowns[: None if self._state is None else 0], self._changing.keys()
-        by_numbers, by_unknowns = self._derivatives.vjp_of_equations(*arguments, of_state, names)
-        return by_numbers, by_unknowns[unknowns]
+        arguments = tape, steps.rows, steps.shares, self._steps.spread(weights), end_weights
+        chosen, names = unknowns[: None if self._state is None else 0], self._changing.keys()
+        number_slopes, unknown_slopes = self._derivatives.vjp_of_equations(
+            *arguments, chosen, names
+        )
+        return number_slopes, unknown_slopes[unknowns]
 
-    def _solved(self, K: scipy.sparse.csr_matrix, by_state: np.ndarray) -> np.ndarray:
+    def _solved(self, K: scipy.sparse.csr_matrix, right_sides: np.ndarray) -> np.ndarray:
         """Solutions (n, free) of the tangent K, or of its transpose, for right sides."""
         try:
-            weights = pivoted_lu(K).solve(by_state.T)
+            weights = pivoted_lu(K).solve(right_sides.T)
         except RuntimeError:
-            weights = np.full(by_state.T.shape, np.nan)
-        left = abs(K @ weights - by_state.T).max(axis=0)
-        if not (left <= _SOLVED * abs(by_state).max(axis=1)).all():
+            weights = np.full(right_sides.T.shape, np.nan)
+        left = abs(K @ weights - right_sides.T).max(axis=0)
+        if not (left <= _SOLVED * abs(right_sides).max(axis=1)).all():
             raise SceneError(
                 f"{self._what}: no derivatives: the tangent of the state is singular, so that it "
                 "does not follow from the numbers. Support the scene, or take a state beside a "
@@ -309,13 +317,13 @@ class TangentDerivatives:
 
 
 def _by_mass(
-    model: Model, along: _Along, chosen: np.ndarray
+    model: Model, terms: _Terms, chosen: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Numbers (k,) of some sums, and derivatives (k, entries) by the entries of the mass."""
     most = max(1, int(_MEMORY / (16 * max(1, model.masses.matrix.nnz))))
     for numbers in (chosen[k : k + most] for k in range(0, len(chosen), most)):
         none = np.zeros((len(numbers), model.masses.matrix.nnz))
-        pairs = ((weights[numbers], motions[numbers]) for weights, motions in along.by_mass)
+        pairs = ((weights[numbers], motions[numbers]) for weights, motions in terms.masses)
         yield numbers, sum((by_mass_entries(model, *pair) for pair in pairs), none)
 
 
