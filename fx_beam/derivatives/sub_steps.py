@@ -102,10 +102,10 @@ class SubSteps:
 
     def point_steps(self, steps: np.ndarray) -> PointSteps:
         """Numbers of sub-steps that forces at points read."""
-        parts, (before, after, _) = self.parts(steps), self.places(steps)
+        parts, (begins, ends, _) = self.parts(steps), self.places(steps)
         names = "v", "slides", "spring internal"
-        v, slides, internal = (self.states[name][before] for name in names)
-        moved = self.states["slides"][after] - slides
+        v, slides, internal = (self.states[name][begins] for name in names)
+        moved = self.states["slides"][ends] - slides
         factor = np.ones(len(steps))
         if self.model.scheme.rates.at_rest:
             factor = self.tape.memories[steps]
