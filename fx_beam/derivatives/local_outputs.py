@@ -146,8 +146,8 @@ class ResultantOutput(RowOutput):
     def _by_fields(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[Block]:
         """Derivatives by what forms read of some sub-steps."""
         rows, shares, cells = self._rows[chosen], self._shares[chosen, None], self._cells
-        arguments = parts, self._sub_steps.has_places, self._component
-        for name, dofs, slopes in BeamSlopes(self._beams).resultants(*arguments):
+        beams, has_places = BeamSlopes(self._beams), self._sub_steps.has_places
+        for name, dofs, slopes in beams.resultants(parts, has_places, self._component):
             points, entries = slopes.shape[2], dofs[cells]
             slopes = np.ascontiguousarray(np.moveaxis(slopes[:, cells], (2, 3), (0, 1)))
             components = np.arange(len(cells) * points).reshape(-1, points).T

@@ -141,8 +141,9 @@ class MotionAnalysis(Analysis):
             lines = [measured for measured in self.measured if measured.by_law == "pull"]
             start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
         first = self._options.dt if self._options.tolerance is None else tape.times.first_length
-        arguments = tape, first, start, self._accelerations_by_x(first)
-        return self.parameters.derivatives(functools.partial(self._numbers_of, *arguments))
+        accelerations = self._accelerations_by_x(first)
+        numbers_of = functools.partial(self._numbers_of, tape, first, start, accelerations)
+        return self.parameters.derivatives(numbers_of)
 
     @property
     def _needs(self) -> Needs:

@@ -255,14 +255,14 @@ class PeriodicAnalysis(Analysis):
         options = self._shooting.prepared.options
         other = prepared_for(self._series, options, self.parameters.scene, scene, change)
         t0, t1 = tape.times.starts, tape.times.ends
-        of_scene = other.model, other.model.data, start
-        numbers: dict[str, Any] = numbers_in_steps(*of_scene, t0, t1)
-        later = numbers_in_steps(*of_scene, t0 + period, t1 + period)
+        model, data = other.model, other.model.data
+        numbers: dict[str, Any] = numbers_in_steps(model, data, start, t0, t1)
+        later = numbers_in_steps(model, data, start, t0 + period, t1 + period)
         numbers |= {name + LATER: later[name] for name in OF_STEPS & later.keys()}
         numbers[AT_START] = dual_array(other.forcing.series(t0[:1])[0])
-        if natural := other.model.data.natural:
+        if natural := data.natural:
             numbers["natural"] = natural.numbers_at(float(before(start.t)))
-        if needs_of(other.model, self.measured).rates:
-            rates = rates_at(tape, np.arange(len(tape) + 1))
-            numbers |= observed_numbers_of(*of_scene, *rates, False)
+        if needs_of(model, self.measured).rates:
+            times, lengths = rates_at(tape, np.arange(len(tape) + 1))
+            numbers |= observed_numbers_of(model, data, start, times, lengths, False)
         return numbers

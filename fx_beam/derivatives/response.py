@@ -418,8 +418,8 @@ class Response(OfParameters):
         derivatives.set_slopes(has_places)
         refuse_others(changes, derivatives.names, "Response")
         forces = functools.partial(derivatives.constraint_forces, tape)
-        arguments = model, tape, forces, entries, has_places, self._analysis.known_numbers()
-        observe = functools.partial(Observation, *arguments)
+        numbers = self._analysis.known_numbers()
+        observe = functools.partial(Observation, model, tape, forces, entries, has_places, numbers)
         return tape, derivatives, changes, observe, entries
 
     def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -229,10 +229,11 @@ class SectionOutput(RowOutput):
         sub_steps, element = self._sub_steps, self._element
         steps, rows, shares = self._steps[chosen], self._rows[chosen], self._shares[chosen, None]
         model, weights = sub_steps.model, shares * self._force_slopes[rows]
-        by_name = BeamSlopes(self._beams).forces(parts, sub_steps.has_places, weights, element.cell)
+        beams = BeamSlopes(self._beams)
+        by_name = beams.forces(parts, sub_steps.has_places, weights, element.cell)
         if self._gauss_slopes.any():
-            arguments = parts, sub_steps.has_places, element.component
-            for name, entries, point_values in BeamSlopes(self._beams).resultants(*arguments):
+            blocks = beams.resultants(parts, sub_steps.has_places, element.component)
+            for name, entries, point_values in blocks:
                 values = self._gauss_slopes @ point_values[:, element.cell]
                 block = Block(name, entries[element.cell], rows, shares * values)
                 yield from sub_steps.in_steps(steps, [block])

@@ -134,9 +134,16 @@ class StaticDerivatives:
         outputs = {str(pull.place.number): pull for pull in pulls}
         outputs |= {name: Measured(Output(name, self.model.scene)) for name in self._summed()}
         forces = functools.partial(self.derivatives.constraint_forces, self.tape)
-        none: dict[str, np.ndarray] = {}
-        arguments = self.model, self.tape, forces, none, True, none
-        observed = Observation(*arguments, outputs, boundaries[-1:])
+        observed = Observation(
+            model=self.model,
+            tape=self.tape,
+            forces=forces,
+            entries={},
+            has_places=True,
+            numbers={},
+            outputs=outputs,
+            boundaries=boundaries[-1:],
+        )
         state_changes = {
             name: rows[observed.sub_steps if name in forces_of.values() else observed.boundaries]
             for name, rows in changed_rows.items()

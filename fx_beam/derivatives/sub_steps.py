@@ -47,8 +47,8 @@ class SubSteps:
         self._parameters = None
         if len(parameters):
             times = tape.times
-            arguments = times.starts, times.ends, self._level
-            self._parameters = floats(parameters.signals.over_steps(*arguments))
+            rows = parameters.signals.over_steps(times.starts, times.ends, self._level)
+            self._parameters = floats(rows)
             self._at_start = parameters.at(float(times.starts[0]))[None]
         # Length of the short step for the resultants at the start [s], and 1 if these, or all
         # forces of elements that are wanted, depend on rates, else 0.
@@ -110,8 +110,18 @@ class SubSteps:
         if self.model.scheme.rates.at_rest:
             factor = self.tape.memories[steps]
         parameters = parts.parameters if len(parts.parameters) else np.zeros((len(steps), 0))
-        motion = parts.q, parts.D, v, parts.t, parts.dt
-        return PointSteps(*motion, factor, internal, parameters, slides, moved)
+        return PointSteps(
+            q=parts.q,
+            D=parts.D,
+            v=v,
+            t=parts.t,
+            dt=parts.dt,
+            factor=factor,
+            internal=internal,
+            parameters=parameters,
+            slides=slides,
+            slide_increments=moved,
+        )
 
     # -- Derivatives of rows, from those by what belongs to states or sub-steps --------------------
 

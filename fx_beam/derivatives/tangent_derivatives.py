@@ -282,8 +282,10 @@ class TangentDerivatives:
         self, steps: Steps, state_changes: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Changes (rows, m, ...) of residuals and ends of steps, with all numbers and the state."""
-        arguments = self._steps.tape(steps), self.changes, state_changes, steps.rows, steps.shares
-        return self._derivatives.jvp_of_equations(*arguments)
+        tape = self._steps.tape(steps)
+        return self._derivatives.jvp_of_equations(
+            tape, self.changes, state_changes, steps.rows, steps.shares
+        )
 
     def _backwards(
         self, steps: Steps, weights: np.ndarray, end_weights: np.ndarray
@@ -293,10 +295,10 @@ class TangentDerivatives:
         Those by numbers hold the state, if this follows from other numbers.
         """
         unknowns, tape = self._about.unknowns, self._steps.tape(steps)
-        arguments = tape, steps.rows, steps.shares, self._steps.spread(weights), end_weights
+        spread = self._steps.spread(weights)
         chosen, names = unknowns[: None if self._state is None else 0], self._changing.keys()
         number_slopes, unknown_slopes = self._derivatives.vjp_of_equations(
-            *arguments, chosen, names
+            tape, steps.rows, steps.shares, spread, end_weights, chosen, names
         )
         return number_slopes, unknown_slopes[unknowns]
 

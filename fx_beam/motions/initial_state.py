@@ -407,8 +407,8 @@ def projected_rates(model: Model, state: State, v: np.ndarray, driven: np.ndarra
     """Rates (columns,) closest to given rates v (size,) in the norm of the mass."""
     from fx_beam.step.fitted_rates import rate_fit
 
-    arguments = (values[None] for values in (state.q, v, state.slides, driven))
-    return rates_of_columns(model, state, rate_fit(model).fit(*arguments).rates[0], driven)
+    fit = rate_fit(model).fit(state.q[None], v[None], state.slides[None], driven[None])
+    return rates_of_columns(model, state, fit.rates[0], driven)
 
 
 def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarray) -> np.ndarray:

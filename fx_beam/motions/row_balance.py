@@ -50,7 +50,12 @@ class RowBalance:
         with model.forms.reading:
             steps = RowSteps(recorder, last)
             self._gauss = steps.means(beams.resultants(steps.batch()))
-            given = recorder, model.data.loaded_beams, a[None].copy()
-            self._balance = ElementBalance(*given, first=last, own_loads=self._loads)
+            self._balance = ElementBalance(
+                recorder,
+                model.data.loaded_beams,
+                a[None].copy(),
+                first=last,
+                own_loads=self._loads,
+            )
             self._balance.ends  # noqa: B018  # before the next step
         self._state = state

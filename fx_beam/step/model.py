@@ -117,8 +117,9 @@ class Model:
             from fx_beam.coupling.determinacy import mechanism_of
 
             mass = None if self._rests[0] else self.masses.matrix
-            parts = self.scene, self.mesh, self.forms.beam_pattern
-            self.mechanism = mechanism_of(*parts, mass, self._rests[1])
+            self.mechanism = mechanism_of(
+                self.scene, self.mesh, self.forms.beam_pattern, mass, self._rests[1]
+            )
 
     def bind(self, data: Data) -> None:
         """Set all numbers, as if this were set up anew; OtherStructureError, then nothing is set.
