@@ -207,7 +207,7 @@ def load(
     loader: Callable[[Path], T],
     extra_flags: Sequence[str] = (),
 ) -> T:
-    """What the loader makes of a compiled library; `source` is called only to compile it.
+    """Result of the loader for a compiled library; `source` is called only to compile it.
 
     CannotBuild, with the reason, if it cannot be compiled or loaded.
     """

@@ -42,8 +42,8 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _inertia(model: Model, a: np.ndarray) -> np.ndarray:
     """Generalised forces (free,) of accelerations of the unknowns (free,)."""
     reduction = model.reduction
-    of_nodes = model.masses.matrix @ reduction.maps.to_nodes(reduction.in_columns(a))
-    return reduction.maps.transpose_to_nodes(of_nodes)[: reduction.free]
+    node_forces = model.masses.matrix @ reduction.maps.to_nodes(reduction.in_columns(a))
+    return reduction.maps.transpose_to_nodes(node_forces)[: reduction.free]
 
 
 def _of_equal(model: Model, force: np.ndarray) -> np.ndarray | None:

@@ -22,13 +22,13 @@ def without_border(
     A = scipy.sparse.csr_matrix(A)
     A.resize((size, size))
     # What borders A though it is no column of a node comes to its place among the unknowns.
-    place, behind = np.arange(size), n + border["bordered_row"]
-    place[border["bordered_unknown"]], place[behind] = behind, border["bordered_unknown"]
+    place, last_places = np.arange(size), n + border["bordered_row"]
+    place[border["bordered_unknown"]], place[last_places] = last_places, border["bordered_unknown"]
     system = (A + entries).tocsr()[place][:, place]
     equations = system[n + border["pivot"]]
     pivots = equations[:, n:].diagonal()
     equations = scipy.sparse.diags(1 / pivots) @ equations
     # A node depends on those that carry its beam, a force on columns.
-    before = scipy.sparse.identity(size - n) - equations[:, n:]
-    solution = nested_solution(before.tocsr(), equations[:, :n])
+    nested = scipy.sparse.identity(size - n) - equations[:, n:]
+    solution = nested_solution(nested.tocsr(), equations[:, :n])
     return (system[:n, :n] - system[:n, n:] @ solution).tocsr()

@@ -35,7 +35,7 @@ def load_library(features: str = "CHAIN", derivatives: str = "") -> tuple[Any, A
 
 
 def _asked(features: str, derivatives: str) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-    """What a library is, its macros, and its flags."""
+    """Title of a library, its macros, and its flags."""
     macros = f"FEATURES {features}", *filter(None, [derivatives])
     flags = {"": [*_QUICKLY, *_SHORT], "JVP": []}.get(derivatives, _QUICKLY)
     return _WHAT[derivatives], macros, (*_FLAGS, *flags)

@@ -153,5 +153,5 @@ class Equations:
         return self.extended().matrix
 
     def extended(self) -> Extended:
-        """The same, in long trees with their auxiliary unknowns."""
+        """Reduced tangent of the last balance, in long trees with auxiliary unknowns."""
         return Extended.of(self.system(), self.model.reduction)

@@ -12,9 +12,9 @@ _CLOSE = 1e-5
 _TRIALS = 60
 
 
-def switched(before: np.ndarray, after: np.ndarray) -> bool:
+def switched(earlier: np.ndarray, later: np.ndarray) -> bool:
     """Whether one of some values has changed its sign."""
-    return bool(((before < 0) != (after < 0)).any())
+    return bool(((earlier < 0) != (later < 0)).any())
 
 
 def end_behind_event(

@@ -91,13 +91,13 @@ class Extended:
 
     @classmethod
     def of(cls, system: scipy.sparse.csr_matrix, reduction: Reduction) -> Extended:
-        """That of a linear system."""
+        """Extended matrix of a linear system."""
         dependent, free, size = reduction.auxiliaries.dependent, reduction.free, system.shape[0]
         if reduction.loops is None:
             return cls(system, Places(size, free, dependent))
         forces = np.arange(size)[-len(reduction.forces) :]
-        between = np.arange(free, forces[0])
-        order = np.concatenate([reduction.independent, between, reduction.following, forces])
+        auxiliaries = np.arange(free, forces[0])
+        order = np.concatenate([reduction.independent, auxiliaries, reduction.following, forces])
         place = np.argsort(order)
         acts_on = np.where(reduction.forces < 0, -1, place[reduction.forces])
         dependent = None if dependent is None else place[dependent]
@@ -152,11 +152,11 @@ class Extended:
         """
         pivots = factors.pivots
         forces = len(self.places.acts_on)
-        behind = len(pivots) - 2 * forces
-        return int((pivots[: self.free] < 0).sum() + (pivots[behind:] < 0).sum() - forces)
+        first_force = len(pivots) - 2 * forces
+        return int((pivots[: self.free] < 0).sum() + (pivots[first_force:] < 0).sum() - forces)
 
     def with_data(self, data: np.ndarray) -> Extended:
-        """The same with other entries; SciPy may sort them."""
+        """Matrix with other entries, which SciPy may sort."""
         parts = data, self.system.indices, self.system.indptr
         matrix = scipy.sparse.csr_matrix(parts, self.system.shape, copy=True)
         return replace(self, system=matrix)
@@ -174,7 +174,7 @@ class Extended:
         return self if self.is_plain else self.only(np.ones(len(self.places.rows)))
 
     def scaled(self, scale: np.ndarray) -> Extended:
-        """The same for x, u and d of other units; zeros stay."""
+        """Matrix for x, u and d of other units; zeros stay."""
         row, column = np.ones((2, self.system.shape[0]))
         places, first = self.places, self.places.first
         row[places.rows] = column[places.columns] = scale
@@ -209,8 +209,8 @@ class Extended:
         """Factors of the equations of u and d, and their columns of x."""
         rows = np.append(self.places.first, self.places.forces)
         equations = self.system[rows].tocsc()
-        behind = np.append(self.places.first, self.places.closing)
-        return splu(equations[:, behind]), equations[:, : self.free].tocsr()
+        first_force = np.append(self.places.first, self.places.closing)
+        return splu(equations[:, first_force]), equations[:, : self.free].tocsr()
 
     def spread(self, x: np.ndarray) -> np.ndarray:
         """Small changes (n, ...) of x, u and d, which follow x (free, ...)."""

@@ -68,12 +68,12 @@ class FittedRates:
         self._structs.set(self._a, scratch=room)
         rows, p, slides = layout.at, self._p, layout.slides
         states = {"q": rows["q"], "v": rows["v"], "slides": slides, "driven rates": rows["driven"]}
-        of_slides = np.where(slides < rows["q"][0], slides - rows["Y"][0] + rows["Y1"][0], slides)
+        slides1 = np.where(slides < rows["q"][0], slides - rows["Y"][0] + rows["Y1"][0], slides)
         #: Rows of states, and of what is found.
         self.states = Rows(states)
         impulses = {"impulses of joints": rows["forces"]}
         impulses["impulses of columns"] = rows["R"][p.free : p.columns]
-        self.results = Rows({"rates": rows["q1"], "rates of slides": of_slides} | impulses)
+        self.results = Rows({"rates": rows["q1"], "rates of slides": slides1} | impulses)
         numbers = {name: all_of(rows[name]) for name in _OF_SHAPE}
         numbers["mass"] = Numbers(
             rows["mass"], problem.storage.mass_entries.ravel(), model.masses.matrix.nnz
@@ -123,14 +123,14 @@ class RateDerivatives:
     """Rates that fit at n configurations, and their derivatives; given as to `FittedRates.fit`."""
 
     def __init__(self, fits: FittedRates, *states: np.ndarray):
-        self._fits, self._given = fits, states
+        self._fits, self._states = fits, states
         self.rates = fits.fit(*states).rates
 
     def _follow(self, way: int, states: np.ndarray, results: np.ndarray, **members: Any) -> None:
         fits, rows = self._fits, np.arange(len(self.rates))
         members["states"] = fits.states.members(rows, len(rows), states)
         members["forces"] = fits.results.members(rows, len(rows), results)
-        fits.followed(way, *self._given, **members)
+        fits.followed(way, *self._states, **members)
 
     def vjp(self, weights: Arrays) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Derivatives by "q", "v", "slides" and "driven rates" (n, ...), and by numbers.
@@ -139,19 +139,19 @@ class RateDerivatives:
         joints" (n, joints, 3) and "impulses of columns" (n, columns).
         """
         fits, n, x = self._fits, len(self.rates), aligned_zeros(self._fits.layout.size)
-        by_states = fits.states.empty(n)
-        self._follow(fits.library.BACKWARDS, by_states, fits.results.filled(weights, n), x=x)
-        return fits.states.parts(by_states), {name: p.sums(x) for name, p in fits.numbers.items()}
+        rows = fits.states.empty(n)
+        self._follow(fits.library.BACKWARDS, rows, fits.results.filled(weights, n), x=x)
+        return fits.states.parts(rows), {name: p.sums(x) for name, p in fits.numbers.items()}
 
-    def jvp(self, of_state: Arrays, changes: Arrays) -> dict[str, np.ndarray]:
+    def jvp(self, state_changes: Arrays, changes: Arrays) -> dict[str, np.ndarray]:
         """Changes (n, m, ...) of the same in m directions.
 
         From those of the state, "q", "v", "slides" and "driven rates" (n, m, ...), and of numbers
         (m, ...).
         """
-        fits, (n, m, _) = self._fits, of_state["q"].shape
-        x, of_results = fits.layout.vector(changes, fits.numbers, m), fits.results.empty(n, m)
-        flat = {name: values.reshape(n * m, -1) for name, values in of_state.items()}
+        fits, (n, m, _) = self._fits, state_changes["q"].shape
+        x, result_changes = fits.layout.vector(changes, fits.numbers, m), fits.results.empty(n, m)
+        flat = {name: values.reshape(n * m, -1) for name, values in state_changes.items()}
         states = fits.states.filled(flat, n * m)
-        self._follow(fits.library.FORWARDS, states, of_results, x=x, directions=m)
-        return fits.results.parts(of_results)
+        self._follow(fits.library.FORWARDS, states, result_changes, x=x, directions=m)
+        return fits.results.parts(result_changes)

@@ -107,7 +107,7 @@ class FormTables:
         # Cells that threads take at once.
         self._piece = problem.constants.PIECE * self._lanes if self._storage.is_large else 0
         self._forms: BeamForms = problem.model.forms.beams
-        self._of_cells, mesh = problem.model.forms.cell_entries, problem.model.mesh
+        self._cell_entries, mesh = problem.model.forms.cell_entries, problem.model.mesh
         #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
         self.rows = {"dofs": mesh.unknowns.dofs}
         for name, n in ("internal", p.internal.per_cell), ("natural", p.natural.per_cell):
@@ -153,10 +153,10 @@ class FormTables:
         starts = form.field_starts
         moving = [(i, starts[field]) for i, field in enumerate(fields) if field in starts]
         at_rest, known = self._forms.kind.scheme.rates.at_rest, form.constant_starts
-        of_step = ("load_increment", "load_factor") if at_rest else ("dt", "memory")
+        step_names = ("load_increment", "load_factor") if at_rest else ("dt", "memory")
         constants = form.constants_in(_NO_STEP)[0]
-        of_scene = {"parameters": len(data.parameters), "parameter": data.parameters}
-        *offsets, first = (known.get(name, -1) for name in ("time", *of_step, "parameters"))
+        parameter_members = {"parameters": len(data.parameters), "parameter": data.parameters}
+        *offsets, first = (known.get(name, -1) for name in ("time", *step_names, "parameters"))
         still = [field for field in starts if field not in fields]  # C sets those that move
         columns = [starts[field] + k for field in still for k in range(field.space.width)]
         integrals = self._ffi.new("Integral[]", len(cells))
@@ -179,15 +179,15 @@ class FormTables:
             "constants": constants,
             **dict(zip(("time_at", "dt_at", "memory_at"), offsets, strict=True)),
             "parameters_at": first,
-            **(of_scene if first >= 0 else {"parameter": None}),
+            **(parameter_members if first >= 0 else {"parameter": None}),
         }
 
     def _data_of(self, cells: np.ndarray) -> dict[str, np.ndarray]:
         """Data of some cells, by their names in C."""
         if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
-        stored_at = self._storage.stored_at[self._of_cells[cells]]
-        behind = self._problem.tangent.stored
+        stored_at = self._storage.stored_at[self._cell_entries[cells]]
+        first_free = self._problem.tangent.stored
         data: dict[str, Any] = dict.fromkeys(_NOT_ALWAYS + _OF_THREADS)
         data |= {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
@@ -197,15 +197,15 @@ class FormTables:
         data["coordinates"] = self._in_plane(self._coordinates_of_cells[cells])
         self._coordinates.append((cells, data["coordinates"]))
         if self._problem.system.chain:
-            rows = rows_of_nodes(stored_at, behind, self._lanes)
-            data |= rows | {"run": self._blocks(rows["run"], behind)}
+            rows = rows_of_nodes(stored_at, first_free, self._lanes)
+            data |= rows | {"run": self._blocks(rows["run"], first_free)}
         else:
-            data["stored_at"] = self._blocks(stored_at, behind)
+            data["stored_at"] = self._blocks(stored_at, first_free)
         self._shared[key] = data
         return data
 
-    def _blocks(self, rows: np.ndarray, behind: int | None = None) -> np.ndarray:
-        return in_lanes(rows, self._lanes, behind)
+    def _blocks(self, rows: np.ndarray, first_free: int | None = None) -> np.ndarray:
+        return in_lanes(rows, self._lanes, first_free)
 
     def _in_plane(self, coordinates: np.ndarray) -> np.ndarray:
         """Blocks of x and y of coordinates (cells, 3 n) of places."""
@@ -268,7 +268,7 @@ def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:
     return space[begin : begin + size].view(dtype).reshape(shape)
 
 
-def in_lanes(rows: np.ndarray, lanes: int, behind: int | None = None) -> np.ndarray:
+def in_lanes(rows: np.ndarray, lanes: int, first_free: int | None = None) -> np.ndarray:
     """Rows in blocks of `lanes`, column by column (blocks, columns, lanes).
 
     The last block is padded with copies of the last row, or with indices from `behind` on, which
@@ -277,8 +277,8 @@ def in_lanes(rows: np.ndarray, lanes: int, behind: int | None = None) -> np.ndar
     missing = -len(rows) % lanes
     if missing:
         padding = np.repeat(rows[-1:], missing, axis=0)
-        if behind is not None:
-            padding[:] = behind + 4 * np.arange(missing)[:, None]
+        if first_free is not None:
+            padding[:] = first_free + 4 * np.arange(missing)[:, None]
         rows = np.concatenate([rows, padding])
     blocks = rows.reshape(len(rows) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
     kind: type = np.float64 if rows.dtype == np.float64 else np.int32
@@ -295,10 +295,10 @@ def in_colours(nodes: np.ndarray, size: int) -> dict[str, Any]:
     piece = np.repeat(np.arange(len(nodes)) // size, nodes.shape[1])
     pieces = int(piece[-1]) + 1
     touched = scipy.sparse.csr_matrix((np.ones(piece.size), (piece, nodes.ravel())))
-    near = (touched @ touched.T).tocsr()
+    links = (touched @ touched.T).tocsr()
     colour = np.full(pieces, -1)
     for k in range(pieces):
-        taken = set(colour[near.indices[near.indptr[k] : near.indptr[k + 1]]].tolist())
+        taken = set(colour[links.indices[links.indptr[k] : links.indptr[k + 1]]].tolist())
         colour[k] = next(c for c in range(len(taken) + 1) if c not in taken)
     start = starts_of(np.bincount(colour))
     return {
@@ -309,7 +309,7 @@ def in_colours(nodes: np.ndarray, size: int) -> dict[str, Any]:
 
 
 @cached_by_content
-def rows_of_nodes(stored_at: np.ndarray, behind: int, lanes: int) -> dict[str, np.ndarray]:
+def rows_of_nodes(stored_at: np.ndarray, first_free: int, lanes: int) -> dict[str, np.ndarray]:
     """Where entries (cells, n * n) of element tangents go in a chain, by their names in C.
 
     Those of two nodes are in three rows of a group; single ones have their own places.
@@ -327,7 +327,7 @@ def rows_of_nodes(stored_at: np.ndarray, behind: int, lanes: int) -> dict[str, n
     # Rows behind the end lie apart: the processor waits where stored rows overlap.
     lane = np.arange(cells + -cells % lanes) % lanes
     run = np.empty((len(lane), nodes, nodes), dtype=np.int32)
-    run[:] = behind + 3 * ROW * lane[:, None, None]
+    run[:] = first_free + 3 * ROW * lane[:, None, None]
     run[:cells][together] = first[together]
     cell, a, b = np.nonzero(~together)
     singles = entries[a, b].reshape(-1, 9)

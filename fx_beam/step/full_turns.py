@@ -84,7 +84,7 @@ def _members(model: Model) -> list[np.ndarray]:
 @cached_by_content
 def _turning(n: int, i: np.ndarray, j: np.ndarray, counted: tuple[int, ...]) -> list[np.ndarray]:
     """Groups of n nodes that pairs i, j connect, without groups that have a `counted` node."""
-    of_node = connected_parts((i, j), n)
-    counts, order = set(of_node[list(counted)]), np.argsort(of_node, kind="stable")
-    members = np.split(order, np.cumsum(np.bincount(of_node))[:-1])
+    group_numbers = connected_parts((i, j), n)
+    counts, order = set(group_numbers[list(counted)]), np.argsort(group_numbers, kind="stable")
+    members = np.split(order, np.cumsum(np.bincount(group_numbers))[:-1])
     return [nodes for m, nodes in enumerate(members) if m not in counts]

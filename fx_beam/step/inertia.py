@@ -56,6 +56,6 @@ def mobility(
     if not (couplings.is_selection or couplings.sliding):
         roots = np.isin(np.arange(couplings.free), couplings.column[mesh.dofs[:, :2]])
         T = about_centres(T, roots, mass.diagonal())
-    of_unknowns, of_dofs = mobilities(T, mass)
-    of_slides = couplings.free_slides(of_unknowns, scene.joint_count)
-    return np.concatenate([of_dofs, of_slides])
+    unknown_mobility, dof_mobility = mobilities(T, mass)
+    slide_mobility = couplings.free_slides(unknown_mobility, scene.joint_count)
+    return np.concatenate([dof_mobility, slide_mobility])

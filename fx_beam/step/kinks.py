@@ -11,7 +11,7 @@ from fx_beam.scene.scene import Scene
 
 
 class Kinks:
-    """What slopes of the forces depend on besides small changes of the state."""
+    """Conditions on which slopes of the forces depend besides small changes of the state."""
 
     def __init__(self, scene: Scene, forms: Forms, at_rest: bool):
         self._forms, points = forms, forms.points
@@ -33,26 +33,26 @@ class Kinks:
         self.overshoot = forms.internal_shape[-1] > 0 or sudden or (at_rest and self.of_contact)
         # Friction, contact with a loss, and dampers with laws of a user lose quickly.
         quick = (law.iteration_memory or (law.loss and law.user_defined) for law in points.laws)
-        in_pieces = (energy is not None and has_pieces(energy) for energy in energies)
+        pieced = (energy is not None and has_pieces(energy) for energy in energies)
         #: Whether forces change quickly where no switch tells: sections' laws, flow, losses.
-        self.unseen = self.flows or any(quick) or any(in_pieces)
+        self.unseen = self.flows or any(quick) or any(pieced)
 
     def switches(self, state: State) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""
         self._forms.parameters.use(state.parameters)
         return self._forms.compiled_points.switches(state.q, state.slides)
 
-    def flowed(self, before: State, behind: State) -> bool:
+    def flowed(self, start: State, end: State) -> bool:
         """Whether something flows, or sticks, between two states."""
         names = "internal", "spring_internal"
-        return not all(np.array_equal(getattr(before, n), getattr(behind, n)) for n in names)
+        return not all(np.array_equal(getattr(start, n), getattr(end, n)) for n in names)
 
-    def switched(self, before: State, behind: State) -> bool:
+    def switched(self, start: State, end: State) -> bool:
         """Whether a contact opens or closes, or a law switches: members that are near may touch."""
         members = self._forms.points.members
-        first, last = (np.sign(self.switches(state)) for state in (before, behind))
+        first, last = (np.sign(self.switches(state)) for state in (start, end))
         return (members is not None and members.are_near) or not np.array_equal(first, last)
 
-    def begin(self, before: State, behind: State) -> bool:
+    def begin(self, start: State, end: State) -> bool:
         """Whether flow or contact may begin or end in a step, which its predictor does not know."""
-        return self.flowed(before, behind) or (self.of_contact and self.switched(before, behind))
+        return self.flowed(start, end) or (self.of_contact and self.switched(start, end))

@@ -60,9 +60,9 @@ class Layout:
             self.slides[joint] = starts["Y"] + column
         #: Rows of states, of forces, of configurations at ends, and of forces on unknowns.
         arrays = "q", "v", "internal", "spring internal", "natural"
-        of_state = {name: self.at[name] for name in arrays}
+        state_places = {name: self.at[name] for name in arrays}
         constrained = self.at["R"][p.free : p.columns]
-        self.states = Rows(of_state | {"slides": self.slides})
+        self.states = Rows(state_places | {"slides": self.slides})
         self.ends = Rows({"q": self.at["q1"]})
         self.forces = Rows({"constraints": constrained, "joints": self.at["forces"]})
         self.equations = Rows({"equations": self.at["R"][: p.free]})
@@ -90,11 +90,13 @@ class Rows:
     def __init__(self, parts: dict[str, np.ndarray]):
         self._places = np.concatenate([*parts.values()])
         ends = itertools.accumulate([0, *map(len, parts.values())])
-        self._of = dict(zip(parts, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
+        slices = itertools.starmap(slice, itertools.pairwise(ends))
+        self._part = dict(zip(parts, slices, strict=True))
 
     def only(self, entries: Mapping[str, Any] | None) -> Rows:
-        """The same with some entries of some parts, by name; the same of all if there are none."""
-        parts = {name: self._places[self._of[name]][part] for name, part in (entries or {}).items()}
+        """Rows of some entries of some parts, by name; these rows themselves for none."""
+        chosen = (entries or {}).items()
+        parts = {name: self._places[self._part[name]][entry] for name, entry in chosen}
         return Rows(parts) if parts else self
 
     def members(
@@ -112,8 +114,8 @@ class Rows:
     def filled(self, arrays: Arrays, count: int) -> np.ndarray:
         """Rows (count, size) of the given parts, with zeros in all others."""
         rows = np.zeros((count, len(self._places)))
-        for name in arrays.keys() & self._of.keys():
-            rows[:, self._of[name]] = np.reshape(arrays[name], (count, -1))
+        for name in arrays.keys() & self._part.keys():
+            rows[:, self._part[name]] = np.reshape(arrays[name], (count, -1))
         return rows
 
     def empty(self, *lengths: int) -> np.ndarray:
@@ -122,7 +124,7 @@ class Rows:
 
     def parts(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Parts of rows by name."""
-        return {name: rows[..., part] for name, part in self._of.items()}
+        return {name: rows[..., part] for name, part in self._part.items()}
 
 
 def put_columns(groups: np.ndarray, rows: Any, columns: np.ndarray) -> None:

@@ -58,13 +58,13 @@ class LoadLoop(CompiledLoop):
         n, columns = model.size, model.reduction.columns
         sizes = {"D": n, "z": columns, "r": n, "tangent": len(model.reduction.tangent.pattern[1])}
         # Increments of nodes and columns, the residual at nodes, and the tangent, by C.
-        self._found = [*self.problem.results(**sizes)]
+        self._results = [*self.problem.results(**sizes)]
         # A record of forces alone, for one step.
         self._one_row, self._row = self.problem.ffi.new("Record *"), np.zeros(1, np.int32)
         self._one_row.every = self._one_row.first = self._one_row.parts = self._one_row.forces = 1
         self._one_row.up_to_row = self.problem.ffi.from_buffer("int[]", self._row)
         # Dead forces at the end and their mean, and natural strains, for C.
-        self._given = [*self.problem.given()]
+        self._given_forces = [*self.problem.given()]
 
     @property
     def drag(self) -> float:
@@ -108,7 +108,7 @@ class LoadLoop(CompiledLoop):
         if not self._steps(1, t, length, c_inputs, self._one_row):
             raise self.failures.in_c(self.problem, state)
         ended_by = "round-off" if p.counts.by_round_off else "increment"
-        D, z, r, _ = self._found
+        D, z, r, _ = self._results
         y = z[: self.model.reduction.free].copy()
         parts = D.copy(), y, r.copy(), p.newton.tried, ended_by, self._predicted.copy()
         return self._taken(state, interval), StepSolution(*parts)
@@ -134,7 +134,7 @@ class LoadLoop(CompiledLoop):
         model, forcing, self._interval = self.model, self.forcing, interval
         self.state.load(state)
         model.forms.compiled_points.set_load(interval.end, length)
-        force, mean_force, strains = self._given
+        force, mean_force, strains = self._given_forces
         force[:], mean_force[:] = map(forcing.dead, (interval.end, interval.at(0.5)))
         if model.masses.weight is not None:  # whose work is all of its potential energy
             mean_force -= model.masses.weight
@@ -155,7 +155,7 @@ class LoadLoop(CompiledLoop):
         new = self.state.read(interval.end)
         if (frame := self.forcing.turning) is not None:
             pushes = (end.t * frame.force(end.q) for end in (state, new))
-            new.work += float(sum(pushes) / 2 @ self._found[0])
+            new.work += float(sum(pushes) / 2 @ self._results[0])
         return new
 
     def change_of_sizes(self, left: np.ndarray, right: np.ndarray) -> float:
@@ -171,8 +171,8 @@ class LoadLoop(CompiledLoop):
 
     @property
     def values(self) -> np.ndarray:
-        """Its values, in the sparsity of the reduced matrix."""
-        return self._found[3]
+        """Values of the last tangent, in the sparsity of the reduced matrix."""
+        return self._results[3]
 
     def negative_eigenvalues(self) -> int | None:
         """Their number, of a symmetric one; None if it is singular.

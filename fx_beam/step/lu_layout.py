@@ -24,7 +24,7 @@ NONE = np.empty(0, dtype=int)
 
 
 class Costs(NamedTuple):
-    """What decides between a band and sparse rows, and whether factors are kept.
+    """Costs that decide between a band and sparse rows, and whether factors are kept.
 
     Times are relative to that of a multiplication in a factorisation. Measured with 18 to 9500
     unknowns (`benchmarks/frames.py storage`).
@@ -102,8 +102,8 @@ def factors_of(
     groups = groups_of(graph, dependent, forces)
     if dependent is None and not len(forces):
         groups |= _one_by_one(_minimum_degree(groups["graph_start"], groups["graph"]))
-    in_rows = _eliminated(groups, rows, indices, parts, symmetric)
-    return in_rows._replace(worth=_worth(in_rows, len(indices), costs)) if keep else in_rows
+    factors = _eliminated(groups, rows, indices, parts, symmetric)
+    return factors._replace(worth=_worth(factors, len(indices), costs)) if keep else factors
 
 
 def graph_of(indptr: np.ndarray, indices: np.ndarray) -> scipy.sparse.csr_matrix:
@@ -115,10 +115,10 @@ def graph_of(indptr: np.ndarray, indices: np.ndarray) -> scipy.sparse.csr_matrix
 
 def _worth(sparse: Factors, entries: int, costs: Costs) -> int:
     """`Factors.worth` of sparse rows; the tangent has so many entries."""
-    above = sparse.rows["start"][1:] - sparse.rows["diagonal"] - 1.0
-    products = above @ (above + 1) / (2 if sparse.rows["symmetric"] else 1)
+    upper = sparse.rows["start"][1:] - sparse.rows["diagonal"] - 1.0
+    products = upper @ (upper + 1) / (2 if sparse.rows["symmetric"] else 1)
     factorisation = products + costs.row_entry * sparse.size
-    substitution = costs.substitution * (2 * above.sum() + len(above) + entries)
+    substitution = costs.substitution * (2 * upper.sum() + len(upper) + entries)
     worth = int(factorisation / substitution)
     return worth if worth >= costs.least_worth else 0
 
@@ -152,8 +152,8 @@ def _chained(
             continue
         offset = np.argmin(apart, axis=0)
         groups = -(-(np.bincount(part) + offset) // GROUP)
-        by_first, start = np.argsort(first), np.empty_like(first)
-        start[by_first] = GROUP * (np.cumsum(groups[by_first]) - groups[by_first])
+        part_order, start = np.argsort(first), np.empty_like(first)
+        start[part_order] = GROUP * (np.cumsum(groups[part_order]) - groups[part_order])
         return order + (start + offset - first)[part].astype(np.int32)
     return None
 
@@ -173,7 +173,7 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
 def groups_of(
     graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None = None, forces: np.ndarray = NONE
 ) -> dict[str, Any]:
-    """What an order of elimination is found from, by the names of sparse_rows.h.
+    """Graph from which an order of elimination is found, by the names of sparse_rows.h.
 
     With auxiliary unknowns and forces as in `factors_of`.
     """
@@ -184,12 +184,12 @@ def groups_of(
     apart = coupled.row != coupled.col
     row, column = coupled.row[apart], coupled.col[apart]
     # Forces wait as in `factors_of`, others for auxiliary unknowns.
-    at_end = group_of[n - len(forces) :]
-    last = np.unique(at_end)
-    of_forces = np.isin(row, last) & ~np.isin(column, last)
+    force_groups = group_of[n - len(forces) :]
+    last = np.unique(force_groups)
+    couples_forces = np.isin(row, last) & ~np.isin(column, last)
     acting = forces >= 0
-    first = np.append(column[of_forces], group_of[forces[acting]])
-    later = np.append(row[of_forces], at_end[acting])
+    first = np.append(column[couples_forces], group_of[forces[acting]])
+    later = np.append(row[couples_forces], force_groups[acting])
     if dependent is not None:
         auxiliary, needed = group_of[dependent]
         first, later = np.append(first, auxiliary), np.append(later, needed)
@@ -270,14 +270,14 @@ def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces:
     if dependent is not None:
         sums[np.unique(dependent[0])] += 1
     sums[n - forces :] += 2
-    by_sum = np.argsort(sums, kind="stable")
-    new = np.diff(sums[by_sum], prepend=sums[by_sum[0]] - 1) != 0
-    since = np.arange(n) - np.maximum.accumulate(np.where(new, np.arange(n), 0))
-    first = np.flatnonzero(since % GROUP == 0)
+    sorting = np.argsort(sums, kind="stable")
+    new = np.diff(sums[sorting], prepend=sums[sorting[0]] - 1) != 0
+    run_place = np.arange(n) - np.maximum.accumulate(np.where(new, np.arange(n), 0))
+    first = np.flatnonzero(run_place % GROUP == 0)
     # Numbered as their first unknowns: minimum degree with auxiliary unknowns leaves less fill-in
     # than otherwise.
     number = np.empty(len(first), dtype=np.int32)
-    number[np.argsort(by_sum[first])] = np.arange(len(first))
+    number[np.argsort(sorting[first])] = np.arange(len(first))
     group_of = np.empty(n, dtype=np.int32)
-    group_of[by_sum] = np.repeat(number, np.diff(first, append=n))
+    group_of[sorting] = np.repeat(number, np.diff(first, append=n))
     return group_of

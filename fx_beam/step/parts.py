@@ -22,17 +22,17 @@ def part_tables(model: Model) -> dict[str, Any]:
     Nodes of the same beams are a part, others are one each; unknowns are one if they move nodes of
     the same. Light beams beside heavy ones are judged by themselves, what both share by both.
     """
-    of_dofs = np.repeat(_members_of_nodes(model), 3)
-    of_columns = _members_of_columns(model, of_dofs)
-    parts = {members: i for i, members in enumerate(dict.fromkeys([*of_dofs, *of_columns]))}
+    dof_members = np.repeat(_members_of_nodes(model), 3)
+    column_members = _members_of_columns(model, dof_members)
+    parts = {members: i for i, members in enumerate(dict.fromkeys([*dof_members, *column_members]))}
     if len(parts) < 2:
         return {}
     inner_parts = _parts_inside(parts)
     starts = np.cumsum([0, *map(len, inner_parts)])
     return {
         "count": len(parts),
-        **_runs("dof", np.array([parts[members] for members in of_dofs])),
-        **_runs("column", np.array([parts[members] for members in of_columns])),
+        **_runs("dof", np.array([parts[members] for members in dof_members])),
+        **_runs("column", np.array([parts[members] for members in column_members])),
         "inside_start": starts,
         "inside": np.concatenate(inner_parts),
         "energy": np.zeros(2 * len(parts)),
@@ -42,22 +42,22 @@ def part_tables(model: Model) -> dict[str, Any]:
 def _members_of_nodes(model: Model) -> np.ndarray:
     """Beams on which each node lies; of other nodes a member of their own."""
     mesh = model.mesh
-    of_nodes: list[list[int]] = [[] for _ in mesh.X]
+    node_beams: list[list[int]] = [[] for _ in mesh.X]
     for beam, nodes in enumerate(mesh.nodes):
         for node in nodes:
-            of_nodes[node].append(beam)
-    members = np.empty(len(of_nodes), dtype=object)
-    members[:] = [_Members(beams or [-1 - node]) for node, beams in enumerate(of_nodes)]
+            node_beams[node].append(beam)
+    members = np.empty(len(node_beams), dtype=object)
+    members[:] = [_Members(beams or [-1 - node]) for node, beams in enumerate(node_beams)]
     return members
 
 
-def _members_of_columns(model: Model, of_dofs: np.ndarray) -> list[_Members]:
+def _members_of_columns(model: Model, dof_members: np.ndarray) -> list[_Members]:
     """Members whose nodes each unknown moves; every one where they are many, or not known."""
-    couplings, all_members = model.couplings, _Members().union(*of_dofs)
+    couplings, all_members = model.couplings, _Members().union(*dof_members)
     moved: list[set[int]] = [set() for _ in range(couplings.columns + len(couplings.auxiliaries))]
     entries = couplings.all_entries
     for dof, column in zip(entries.row, entries.column, strict=True):
-        moved[column] |= of_dofs[dof]
+        moved[column] |= dof_members[dof]
     for k, auxiliary in reversed([*enumerate(couplings.auxiliaries, couplings.columns)]):
         for column, *_ in auxiliary.entries:
             # Of too many members some are too many as well.
@@ -68,14 +68,14 @@ def _members_of_columns(model: Model, of_dofs: np.ndarray) -> list[_Members]:
 
 def _parts_inside(parts: dict[_Members, int]) -> list[list[int]]:
     """For each part the parts whose members are all members of it, itself among them."""
-    with_member: dict[int, list[_Members]] = {}
+    sharing: dict[int, list[_Members]] = {}
     for members in parts:
         for member in members:
-            with_member.setdefault(member, []).append(members)
+            sharing.setdefault(member, []).append(members)
     inner_parts = []
     for members in parts:
-        near = dict.fromkeys(other for member in members for other in with_member[member])
-        inner_parts.append([parts[other] for other in near if other <= members])
+        neighbours = dict.fromkeys(other for member in members for other in sharing[member])
+        inner_parts.append([parts[other] for other in neighbours if other <= members])
     return inner_parts
 
 

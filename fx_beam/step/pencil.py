@@ -75,7 +75,7 @@ class Pencil:
         basis = np.concatenate([self._bounded(deflated).T, np.empty((2 * n + 20, size))])
         # Other starts each time: those before have no part in a copy that was missed.
         starts = np.random.default_rng(first)
-        diagonal, beside, m = list[float](), list[float](), first
+        diagonal, off_diagonal, m = list[float](), list[float](), first
         x, new = self._inverse(starts.standard_normal(size)), True
         while True:
             length = self._length(x)
@@ -87,7 +87,7 @@ class Pencil:
             complete = left <= _ROUNDING * length
             if complete or m == len(basis):
                 # Eigenvalues and vectors of a tridiagonal matrix, from its lower half.
-                values, parts = np.linalg.eigh(np.diag(diagonal) + np.diag(beside[1:], -1))
+                values, parts = np.linalg.eigh(np.diag(diagonal) + np.diag(off_diagonal[1:], -1))
                 lowest = np.argsort(-abs(values))[:n]
                 errors = left * abs(parts[-1:, lowest])
                 if new or (len(lowest) == n and (errors <= _EXACT * abs(values[lowest])).all()):
@@ -96,7 +96,7 @@ class Pencil:
                     x, new = self._inverse(starts.standard_normal(size)), True
                     continue
                 basis = np.concatenate([basis, np.empty((n + 20, size))])
-            beside.append(0.0 if new else left)
+            off_diagonal.append(0.0 if new else left)
             basis[m], new = x / left, False
             x = self._inverse(basis[m])
             diagonal.append(float(x @ (self.M @ basis[m])))

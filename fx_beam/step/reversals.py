@@ -50,9 +50,9 @@ class Reversal(NamedTuple):
         last, place = self.last, self.bristle.place
         previous, length = lengths[last - 1 : last + 1]
         part = min(-self.rate / self.acceleration / length, 1.5)  # of a sub-step, from its middle
-        fraction, by_rate = 2 * part * length / (previous + length), -_SMALL / self.acceleration
-        yield last - 1, {"place": place, "leads": -fraction * by_rate / previous}
-        yield last, {"place": place, "leads": (1 + fraction) * by_rate / length, "keeps": 1.0}
+        fraction, rate_time = 2 * part * length / (previous + length), -_SMALL / self.acceleration
+        yield last - 1, {"place": place, "leads": -fraction * rate_time / previous}
+        yield last, {"place": place, "leads": (1 + fraction) * rate_time / length, "keeps": 1.0}
         still = range(last + 1, max(last + 2, self.next))
         middle = still[len(still) // 2]
         for k in still:

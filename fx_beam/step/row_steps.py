@@ -82,14 +82,14 @@ class RowSteps:
             values[stored] = starts[f"start_{name}"][self._starts]
             return values
 
-        def ends(begins: np.ndarray, of_rows: np.ndarray) -> np.ndarray:
+        def ends(begins: np.ndarray, row_ends: np.ndarray) -> np.ndarray:
             values = np.empty_like(begins)
-            values[:-1], values[last] = begins[1:], of_rows
+            values[:-1], values[last] = begins[1:], row_ends
             return values
 
         for end, count in zip(last[counts > 1], counts[counts > 1], strict=True):
-            of_step = slice(end + 1 - count, end + 1)
-            rest[of_step] = np.cumsum(rest[of_step][::-1])[::-1]
+            sub_steps_of_row = slice(end + 1 - count, end + 1)
+            rest[sub_steps_of_row] = np.cumsum(rest[sub_steps_of_row][::-1])[::-1]
         t1, t0 = self._ends(row)
         begin = t1 - (t1 - t0) * rest
         dt, level = ends(begin, t1[last]) - begin, model.scheme.rates.level

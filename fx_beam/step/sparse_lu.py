@@ -37,8 +37,8 @@ def null_vectors(matrix: Any, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
     try:
         lu = pivoted_lu(matrix)
     except RuntimeError:
-        beside = _SHIFT * abs(matrix.data).max()
-        lu = pivoted_lu(matrix + beside * identity(matrix.shape[0]))
+        shift = _SHIFT * abs(matrix.data).max()
+        lu = pivoted_lu(matrix + shift * identity(matrix.shape[0]))
     right = np.random.default_rng(0).standard_normal((matrix.shape[0], count))
     for _ in range(_ITERATIONS):
         left = np.linalg.qr(lu.solve(right, "T"))[0]
@@ -64,7 +64,7 @@ class LU:
         self._structs = Structs(ffi)
         self._factors = np.empty(layout.size)
         self._structs.set(self._rows, **layout.rows, factors=self._factors)
-        self._at, self._order = self._ints(layout.at), self._ints(layout.order)
+        self._place, self._order = self._ints(layout.at), self._ints(layout.order)
         #: Solutions that cost as much as a factorisation.
         self.worth = layout.worth
         self._double = ffi.typeof("double[]")
@@ -78,7 +78,7 @@ class LU:
     def factorise(self, values: np.ndarray) -> bool:
         """By elimination without exchange of rows."""
         pointer = self._doubles(np.asarray(values, float, "C"))
-        return bool(self._library.fx_factorise(self._rows, len(self._at), self._at, pointer))
+        return bool(self._library.fx_factorise(self._rows, len(self._place), self._place, pointer))
 
     def solve(self, b: np.ndarray) -> np.ndarray:
         """By substitution."""

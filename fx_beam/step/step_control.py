@@ -67,7 +67,7 @@ class StepControl:
         #: Length of the next steps [s].
         self.length = min(span / 1000, longest)
         #: Ratio in the last step; 0 if it is not known.
-        self._before = 0.0
+        self._last_ratio = 0.0
 
     def factors(self, dt: float) -> tuple[float, float, float]:
         """Factors that make ratios of error and limit of averaged and of single differences.
@@ -87,25 +87,25 @@ class StepControl:
         longest = dt > (1 - 1e-6) * self._longest
         return 0.0 if shortened or longest else _LOWEST, _HIGHEST
 
-    def ends(self, t: float, until: float, most: int) -> tuple[np.ndarray, float]:
+    def ends(self, t: float, t_end: float, most: int) -> tuple[np.ndarray, float]:
         """Ends (n,) and length [s] of the next equal steps, up to a time that they must meet."""
-        number = (until - t) / self.length
+        number = (t_end - t) / self.length
         if number > 3:
             return t + self.length * np.arange(1, min(int(number) - 1, most + 1)), self.length
         steps = max(1, math.ceil(number - 1e-6))
-        ends = t + (until - t) * np.arange(1, steps + 1) / steps
-        ends[-1] = until
-        return ends, (until - t) / steps
+        ends = t + (t_end - t) * np.arange(1, steps + 1) / steps
+        ends[-1] = t_end
+        return ends, (t_end - t) / steps
 
     def begin(self, length: float) -> None:
         """Start with a length [s], without a memory of steps before."""
-        self.length, self._before = min(length, self._longest), 0.0
+        self.length, self._last_ratio = min(length, self._longest), 0.0
 
     def succeed(self, dt: float, last_ratio: float | None, ratio: float | None) -> None:
         """Choose the length after steps of length dt, from the last two ratios."""
         if ratio is None:
             return
-        last_ratio = self._before if last_ratio is None else last_ratio
+        last_ratio = self._last_ratio if last_ratio is None else last_ratio
         low, high = self.band(dt)
         if ratio > high or max(ratio, last_ratio) < low:
             distance = self._distance(ratio)
@@ -113,28 +113,28 @@ class StepControl:
             change = _INTEGRAL * distance + _PROPORTIONAL * rise
             levels = min(max(round(abs(change)), 1), self.order)
             self._change(-levels if ratio > high else levels)
-        self._before = ratio
+        self._last_ratio = ratio
 
     def reject(self, dt: float, ratio: float) -> None:
         """Shorten the steps after one of length dt with a ratio above 1."""
-        self.length, self._before = dt, ratio
+        self.length, self._last_ratio = dt, ratio
         self._change(-min(math.ceil(self._distance(ratio)), 3 * self.order))
 
     def matters(self, difference: float) -> bool:
         """Whether an event may not be passed that moves the end of a step, relative to the size."""
         return difference > _EVENT * self._tolerance
 
-    def retry(self, dt: float, ratio: float, at_most: float) -> bool:
+    def retry(self, dt: float, ratio: float, longest: float) -> bool:
         """Choose the first length from the ratio of trial steps; whether to try again with it.
 
         It is at most `at_most` [s].
         """
         factor = (_DESIRED / max(ratio, 1e-12)) ** (1 / self._power)
-        longer = dt < (1 - 1e-6) * min(at_most, self._longest)
+        longer = dt < (1 - 1e-6) * min(longest, self._longest)
         if ratio <= 1 and not (longer and factor > _GROWTH):
             self.begin(dt * min(factor, 1.0))
             return False
-        self.begin(min(dt * min(max(factor, 1 / _MOST_GROWTH), _MOST_GROWTH), at_most))
+        self.begin(min(dt * min(max(factor, 1 / _MOST_GROWTH), _MOST_GROWTH), longest))
         return True
 
     @property

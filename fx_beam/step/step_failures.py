@@ -38,7 +38,7 @@ class StepFailed(Exception):
 
 
 class StepFailures:
-    """What steps of a model must not do."""
+    """Limits that steps of a model must not pass."""
 
     def __init__(self, model: Model, options: NewtonOptions, stats: Stats):
         self.model, self.options, self._stats = model, options, stats

@@ -42,9 +42,9 @@ class Times(NamedTuple):
         counts = boundaries - starts
         rows = np.repeat(np.arange(len(boundaries)), counts)
         sub_steps = np.arange(counts.sum()) + np.repeat(boundaries - counts.cumsum(), counts)
-        of_parts = self.lengths[sub_steps]
-        lengths, shares = np.bincount(rows, of_parts, len(boundaries)), np.ones(len(rows))
-        np.divide(of_parts, lengths[rows], out=shares, where=counts[rows] > 1)
+        part_lengths = self.lengths[sub_steps]
+        lengths, shares = np.bincount(rows, part_lengths, len(boundaries)), np.ones(len(rows))
+        np.divide(part_lengths, lengths[rows], out=shares, where=counts[rows] > 1)
         return Steps(starts, lengths, sub_steps, rows, shares)
 
     @property

@@ -80,8 +80,8 @@ class SceneNumbers:
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
         model, kind = self._model, self._storage.kind
-        of_joints = model.reduction.joints.offsets_and_axes
-        numbers = {f"joints.{name}": values for name, values in of_joints.items()}
+        joint_numbers = model.reduction.joints.offsets_and_axes
+        numbers = {f"joints.{name}": values for name, values in joint_numbers.items()}
         numbers["loads.force"] = floats(model.data.loads.entries)
         if masses:
             values, turning = 0, 0 if kind.turns else 1  # centrifugal forces have no moments
@@ -91,8 +91,9 @@ class SceneNumbers:
         if kind.rates:
             from .inertia import little_mass
 
-            given = model.masses.matrix, model.units.nodes, model.scene, model.mesh
-            numbers["statics.viscous_weight"] = little_mass(*given)
+            matrix, units = model.masses.matrix, model.units.nodes
+            little = little_mass(matrix, units, model.scene, model.mesh)
+            numbers["statics.viscous_weight"] = little
         if model.masses.weight is not None:
             numbers["loads.weight"] = model.masses.weight
         if model.data.natural:
@@ -138,8 +139,8 @@ class Problem:
                 "large_turn": LARGE_TURN,
             }
         )
-        of_beams = model.mesh.nodes
-        if len(of_beams) != 1 or len(of_beams[0]) < len(model.mesh.X):  # else all is one part
+        beam_nodes = model.mesh.nodes
+        if len(beam_nodes) != 1 or len(beam_nodes[0]) < len(model.mesh.X):  # else all is one part
             from .parts import part_tables
 
             self.set(parts=part_tables(model))
@@ -196,7 +197,7 @@ class Problem:
 
     @property
     def work(self) -> list[np.ndarray]:
-        """What steps by the factors of earlier ones depend on, beside the state."""
+        """Arrays on which steps by the factors of earlier ones depend, beside the state."""
         return [self.scratch, self.storage.sparse_factors]
 
     def _set_mesh(self) -> None:
@@ -256,12 +257,12 @@ class Problem:
             self.set(frame={"arm": arm, "spin_squared": frame.spin**2})
 
     def results(self, **sizes: int) -> Iterator[np.ndarray]:
-        """What C has found in the last step: members of ``Results`` of c/problem.h, with sizes."""
-        of_step = self.library.fx_results(self.c)
-        return (array_at(self.ffi, getattr(of_step, name), n) for name, n in sizes.items())
+        """Results of C in the last step: members of ``Results`` of c/problem.h, with sizes."""
+        step_results = self.library.fx_results(self.c)
+        return (array_at(self.ffi, getattr(step_results, name), n) for name, n in sizes.items())
 
     def given(self) -> Iterator[np.ndarray]:
-        """What of a step is set here: dead forces at its level, their mean, strains at the end."""
+        """Inputs of a step set here: dead forces at its level, their mean, strains at the end."""
         n, natural = self.model.size, self.model.data.natural
         return self.results(force=n, dead=n, natural_end=natural.size if natural else 0)
 
@@ -269,28 +270,28 @@ class Problem:
 def _points(storage: TangentStorage) -> dict[str, Any]:
     """Forces at points, and parameters, by the names in c/problem.h."""
     model, points, stored_at = storage.model, storage.model.points, storage.stored_at
-    at_points: dict[str, Any] = {"spring_width": points.width}
-    at_points["friction_follows"] = len(points.followed) > 0
-    tables: dict[str, Any] = {"at_points": at_points, "points": [{}]}
+    point_members: dict[str, Any] = {"spring_width": points.width}
+    point_members["friction_follows"] = len(points.followed) > 0
+    tables: dict[str, Any] = {"at_points": point_members, "points": [{}]}
     tables["newton"] = {"may_overshoot": model.kinks.overshoot}
-    if len(of_scene := model.forms.parameters):
+    if len(parameters := model.forms.parameters):
         tables["parameters"] = {
-            "count": len(of_scene),
-            "value": of_scene.values,
-            "vary": of_scene.vary,
-            "energies_vary": of_scene.energies_vary,
+            "count": len(parameters),
+            "value": parameters.values,
+            "vary": parameters.vary,
+            "energies_vary": parameters.energies_vary,
         }
     if points.any:
         point_stored_at = np.where(points.value_at >= 0, stored_at[points.value_at], -1)
         # Each force on a slide has one entry, the last ones.
         places, numbers = storage.on_slides
         point_stored_at[len(point_stored_at) - len(points.slides) + numbers] = places
-        tables["points"], at_points["stored_at"] = (
+        tables["points"], point_members["stored_at"] = (
             model.forms.compiled_points.address,
             point_stored_at,
         )
         if len(points.slides):
-            at_points["slide_rate"] = np.zeros(model.scene.joint_count)
+            point_members["slide_rate"] = np.zeros(model.scene.joint_count)
     return tables
 
 

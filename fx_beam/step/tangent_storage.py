@@ -30,7 +30,7 @@ _MANY_SLIDES = 8
 
 
 class ProblemKind(NamedTuple):
-    """What a problem of a model in C is for.
+    """Purpose of a problem of a model in C.
 
     One of `forces_only` is for `Equations`: it takes no steps. One of `rates` has no forces. It may
     have a part of the `inertia` only; steps of one that is not `inert` are those of statics. The
@@ -69,7 +69,7 @@ class TangentStorage:
 
     @property
     def features(self) -> str:
-        """What the library for C must have (c/scene_features.h)."""
+        """Features that the library for C must have (c/scene_features.h)."""
         factors, couplings = self.factors, self.model.couplings
         has = {
             "CHAIN": factors.chain,
@@ -84,7 +84,7 @@ class TangentStorage:
     def hand_over(self, problem: Any) -> None:
         """Hand over the couplings, and find the storage index of each entry of both tangents."""
         p, reduction, factors = problem.c, self.model.reduction, self.factors
-        on_border = problem.constants.ON_BORDER
+        first_bordering = problem.constants.ON_BORDER
         problem.set(**reduction.joints.members)
         places, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
@@ -116,7 +116,7 @@ class TangentStorage:
         problem.set(tangent={"stored": place_of_one + 2}, coupled=stiff)
         if reduction.couplings.sliding:
             diagonal_at = stored_at[self.model.masses.places.diagonal]
-            tables = bordering_tables(self.model, places, diagonal_at, on_border, self.inside)
+            tables = bordering_tables(self.model, places, diagonal_at, first_bordering, self.inside)
             problem.set(**tables)
             self.border = tables["border"]
             if self.inside and not self.kind.forces_only:
@@ -179,9 +179,9 @@ class TangentStorage:
             groups = with_bordering_rows(groups, bordering)
         system = *couplings.system, problem.constants.ON_BORDER
         row_of, unknown_of = on_bordering_rows(reduction, *system)
-        found_in_c = dict.fromkeys(("near_to", "order", "work", "position"))
+        unset = dict.fromkeys(("near_to", "order", "work", "position"))
         row = {
-            "elimination": groups | found_in_c,
+            "elimination": groups | unset,
             "pair": None,
             "window": np.full(len(couplings.sliding), -1),
             "dof_start": couplings.all_entries.starts(self.model.size),
@@ -209,7 +209,7 @@ class TangentStorage:
         keep = keep and not self.inside
         # In statics the signs of pivots tell modes.
         sparse = members or self.inside or self.model.scheme.rates.at_rest
-        behind = reduction.auxiliaries.dependent, reduction.forces
+        dependent, forces = reduction.auxiliaries.dependent, reduction.forces
         parts = self.is_large and not self.inside
         symmetric = (
             self.model.scheme.rates.at_rest
@@ -217,7 +217,7 @@ class TangentStorage:
             and not (self.kind.rates or members or couplings.closures or couplings.auxiliaries)
             and not couplings.sliding
         )
-        return factors_of(indptr, indices, *behind, keep, sparse, COSTS, parts, symmetric)
+        return factors_of(indptr, indices, dependent, forces, keep, sparse, COSTS, parts, symmetric)
 
     def bordering_entries(self, problem: Any) -> scipy.sparse.coo_matrix:
         """Entries of the last tangent in bordering rows and columns (n + m, n + m), as pairs."""
@@ -300,10 +300,10 @@ def storage_of(
     if not reduction.couplings.sliding:
         return places, stored, places[:0]
     bordered = reduction.sliders.bordered
-    of_all = np.empty(reduction.sliders.entries_before, dtype=int)
-    of_all[bordered.inside] = places[bordered.positions]
-    of_all[bordered.beside] = stored + np.arange(len(bordered.beside))
-    return of_all, stored + len(bordered.beside), places[bordered.ones]
+    all_places = np.empty(reduction.sliders.entries_before, dtype=int)
+    all_places[bordered.inside] = places[bordered.positions]
+    all_places[bordered.beside] = stored + np.arange(len(bordered.beside))
+    return all_places, stored + len(bordered.beside), places[bordered.ones]
 
 
 def on_bordering_rows(
@@ -339,9 +339,9 @@ def bordering_tables(
     rows, columns = (np.append(x, first - carriers - np.arange(alone)) for x in (rows, columns))
     pivot = np.arange(carriers + alone)
     for table in tables:  # a column of a node and the force on it are pivots of each other's rows
-        of_columns = first - columns[table["carried"]]
-        of_forces = table["bordering_row"] + np.arange(table["components"])
-        pivot[of_columns], pivot[of_forces] = of_forces, of_columns
+        column_rows = first - columns[table["carried"]]
+        force_rows = table["bordering_row"] + np.arange(table["components"])
+        pivot[column_rows], pivot[force_rows] = force_rows, column_rows
     return {
         "system": {"row_of": rows, "unknown_of": columns},
         "sliders": {
@@ -373,29 +373,29 @@ def with_bordering_rows(groups: dict[str, Any], tables: dict[str, Any]) -> dict[
     Slides wait with all others for what holds the nodes on their beams.
     """
     count, slides = groups["groups"], tables["border"]["bordered"]
-    number, before = np.full(tables["border"]["rows"], -1), count + slides
+    number, total = np.full(tables["border"]["rows"], -1), count + slides
     number[:slides] = count + np.arange(slides)
     for table in tables["sliders"]["slider"]:
         sizes = [table["components"], table["products"], table.get("anchors", 0)]
-        of_columns = tables["border"]["pivot"][table["bordering_row"] :][: sizes[0]]
+        column_rows = tables["border"]["pivot"][table["bordering_row"] :][: sizes[0]]
         behind = table["bordering_row"] + np.cumsum([0, *sizes])
-        parts = [of_columns, *(np.arange(*ends) for ends in pairwise(behind))]
+        parts = [column_rows, *(np.arange(*ends) for ends in pairwise(behind))]
         for part in parts:
             for first in range(0, len(part), GROUP):
-                number[part[first : first + GROUP]], before = before, before + 1
+                number[part[first : first + GROUP]], total = total, total + 1
     group_of = np.append(groups["group_of"], number)
-    waiting = groups["waiting"], np.arange(count + slides + 1, before), np.arange(count + slides)
-    waits = np.append(groups["waits"], np.zeros(before - count, int))
+    waiting = groups["waiting"], np.arange(count + slides + 1, total), np.arange(count + slides)
+    waits = np.append(groups["waits"], np.zeros(total - count, int))
     waits[: count + slides] += 1
     waits[count + slides + 1 :] = 1
     starts, sums = groups["waiting_start"], np.cumsum([len(part) for part in waiting])
-    chain = sums[0] + np.arange(before - count - slides)
+    chain = sums[0] + np.arange(total - count - slides)
     return {
-        "groups": before,
+        "groups": total,
         "group_of": group_of,
         "first_unknown": starts_of(np.bincount(group_of)),
         "unknown": np.argsort(group_of, kind="stable"),
-        "graph_start": np.append(groups["graph_start"], [len(groups["graph"])] * (before - count)),
+        "graph_start": np.append(groups["graph_start"], [len(groups["graph"])] * (total - count)),
         "graph": groups["graph"],
         "waits": waits,
         "waiting_start": np.concatenate([starts[:-1], np.full(slides, sums[0]), chain, sums[-1:]]),
@@ -409,14 +409,14 @@ def _sliders(
     """Sliding nodes as ``Slider``."""
     tables, anchored, bordering_row = [], set(), len(sliders.outside)
     starts = starts_of([guide.path.numbers.size for guide in sliders.guides])
-    of_guides = {
+    guide_members = {
         guide: {"turn_stored_at": diagonal_at[guide.dofs[:, 2]], "path": start}
         for guide, start in zip(sliders.guides, starts, strict=False)
     }
     rates = model.scheme.rates
     for slide in sliders.all:
         components, guide = len(slide.columns), slide.guide
-        table = slide.members() | of_guides[guide]
+        table = slide.members() | guide_members[guide]
         # Products of the derivatives of the virtual displacement and rotation (sliders.py).
         table["products"] = 0 if rates.level != 0.5 else 2 if components == 2 else 4
         table["bordering_row"] = bordering_row
@@ -436,5 +436,5 @@ def _anchor_of(slide: Slide, sliders: Sliders, places: np.ndarray) -> dict[str, 
     if not len(alone):
         return {}
     node = alone[np.argmin(abs(alone - len(columns) // 2))]
-    at_node = {"anchor_column": columns[node], "anchor_at": places[positions[node]]}
-    return {"anchors": len(at_node["anchor_at"]), **at_node}
+    anchor = {"anchor_column": columns[node], "anchor_at": places[positions[node]]}
+    return {"anchors": len(anchor["anchor_at"]), **anchor}

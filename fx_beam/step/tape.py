@@ -136,7 +136,7 @@ class Tape:
             for checkpoint in groups[i]:
                 sub_steps = checkpoint.steps.number * self._checkpoints.parts
                 checkpoint.repeat(problem, self._with_room(sub_steps))
-            self._after = groups[i + 1][0] if i + 1 in order else None
+            self._next = groups[i + 1][0] if i + 1 in order else None
             yield self.present
 
     @property
@@ -146,7 +146,7 @@ class Tape:
 
     @property
     def times(self) -> Times:
-        """Those of all sub-steps."""
+        """Times of all sub-steps."""
         if self._times is None:
             self._times = self._checkpoints.times()
         return self._times
@@ -168,20 +168,20 @@ class Tape:
         states, first, end = {}, TAPED_NUMBERS, self.present.end
         # Rows have the states before their sub-steps; those of equilibria apart the states behind.
         rows = np.clip(boundaries - self.c.apart, self.c.first, end - 1) - self.c.first
-        behind = boundaries - self.c.apart == end
+        is_end = boundaries - self.c.apart == end
         for name, size in self.widths.items():
             first += size
             if names and name not in names:
                 continue
             states[name] = self._rows[rows, first - size : first]
-            if not (size and behind.any()):
+            if not (size and is_end.any()):
                 continue
             array = name.replace(" ", "_")
             if end == len(self):
-                states[name][behind] = np.ravel(getattr(self.last, array))[:size]
+                states[name][is_end] = np.ravel(getattr(self.last, array))[:size]
             else:
-                assert self._after is not None
-                states[name][behind] = self._after.memory[self.problem.state.places[array]][:size]
+                assert self._next is not None
+                states[name][is_end] = self._next.memory[self.problem.state.places[array]][:size]
         return states
 
     @property

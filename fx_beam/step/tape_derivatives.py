@@ -97,33 +97,33 @@ class TapeDerivatives:
         tape: Tape,
         rows: np.ndarray,
         shares: np.ndarray,
-        of_equations: np.ndarray,
-        of_ends: np.ndarray,
-        of_state: Any,
+        equation_rows: np.ndarray,
+        end_rows: np.ndarray,
+        state_entries: Any,
         names: Set[str],
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Derivatives of a sum of weights times residuals and configurations at ends of load steps.
 
         Each step has a share (k,) of the weights (., free) and (., size) in one of the `rows` (k,).
-        By the numbers that have some `names`, of the state only by the unknowns `of_state`; and by
+        By the numbers with some `names`, of the state only by the unknowns `state_entries`; and by
         all unknowns.
         """
         self.set_slopes("X" in names)
         count, boundaries, layout = len(tape), np.arange(len(tape) + 1), self.layout
-        x, by_unknowns = aligned_zeros(layout.size), np.zeros(self.problem.c.free)
-        of_steps, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
+        x, unknown_values = aligned_zeros(layout.size), np.zeros(self.problem.c.free)
+        step_rows, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
         structs = Structs(self.problem.ffi)
-        arrays = {"x": x, "sizes": np.zeros(count), "of_steps": never_empty(of_steps)}
-        structs.set(self.c, **arrays, by_unknowns=by_unknowns, share=shares)
-        at_ends = ends.members(boundaries[1:], count + 1, of_ends, rows)
-        forces = layout.equations.members(boundaries[:-1], count, of_equations, rows)
-        self._follow("VJP", tape, at_ends, forces)
+        arrays = {"x": x, "sizes": np.zeros(count), "of_steps": never_empty(step_rows)}
+        structs.set(self.c, **arrays, by_unknowns=unknown_values, share=shares)
+        end_members = ends.members(boundaries[1:], count + 1, end_rows, rows)
+        forces = layout.equations.members(boundaries[:-1], count, equation_rows, rows)
+        self._follow("VJP", tape, end_members, forces)
         x[layout.at["Y"]] = 0.0
-        x[layout.at["Y"][of_state]] = by_unknowns[of_state]
-        by_step = of_steps.sum(axis=0)
+        x[layout.at["Y"][state_entries]] = unknown_values[state_entries]
+        step_sums = step_rows.sum(axis=0)
         derivatives = {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
-        derivatives |= {name: by_step[layout.steps[name]] for name in layout.steps.keys() & names}
-        return derivatives, by_unknowns
+        derivatives |= {name: step_sums[layout.steps[name]] for name in layout.steps.keys() & names}
+        return derivatives, unknown_values
 
     def vjp(
         self,
@@ -143,34 +143,34 @@ class TapeDerivatives:
         self.set_slopes("X" in names)
         count, forces = len(tape), self.layout.forces
         states, x = self.layout.states.only(entries), aligned_zeros(self.layout.size)
-        of_steps = np.zeros((count + 1, self.layout.step_size))
+        step_rows = np.zeros((count + 1, self.layout.step_size))
         structs = Structs(self.problem.ffi)
         # Sizes of the derivatives by the rates at the starts of all sub-steps.
         sizes = np.zeros(count)
-        arrays = {"x": x, "sizes": sizes, "of_steps": never_empty(of_steps)}
+        arrays = {"x": x, "sizes": sizes, "of_steps": never_empty(step_rows)}
         structs.set(self.c, **arrays, by_unknowns=0)
         _reversals = self._with_reversals(tape)
         left_over: np.ndarray | None = None
         for part in tape.parts(self.problem, backwards=True):
             weights, rows, sub_steps = weights_of(part)
-            of_states = states.filled(weights, len(rows))
+            state_rows = states.filled(weights, len(rows))
             if left_over is not None:
                 if not len(rows) or rows[-1] != part.end:
                     rows = np.append(rows, part.end)
-                    of_states = np.vstack([of_states, 0 * left_over])
-                of_states[-1] += left_over
+                    state_rows = np.vstack([state_rows, 0 * left_over])
+                state_rows[-1] += left_over
             # What is weighted at the start of this part, the part before it ends with.
             at_start = bool(part.first and len(rows) and rows[0] == part.first)
-            left_over = of_states[0] if at_start else None
-            of_forces = forces.filled(weights, len(sub_steps))
-            at_rows = states.members(rows, count + 1, of_states)
-            self._follow("VJP", tape, at_rows, forces.members(sub_steps, count, of_forces))
+            left_over = state_rows[0] if at_start else None
+            force_rows = forces.filled(weights, len(sub_steps))
+            row_members = states.members(rows, count + 1, state_rows)
+            self._follow("VJP", tape, row_members, forces.members(sub_steps, count, force_rows))
         late = sizes[count // 2 :].max(initial=0.0)
         #: Largest derivative by rates in the first half of the run relative to that in the second:
         #: about 2 where later states depend on earlier ones as in a vibration. In chaotic motions
         #: it has no bound, and the derivatives tell nothing about larger changes.
         self.growth = float(sizes[: count // 2].max(initial=0.0) / late) if late else 0.0
-        sums = {name: of_steps[:-1, k] for name, k in self.layout.steps.items() if name in names}
+        sums = {name: step_rows[:-1, k] for name, k in self.layout.steps.items() if name in names}
         return sums | {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
 
     @cached_property
@@ -179,27 +179,28 @@ class TapeDerivatives:
         model, p, rows_of = self.problem.model, self.problem.c, self.layout.at
         skip = {"Y", "member places", *(work.array for work in self._works)}
         numbers = {name: all_of(rows_of[name]) for name in self.layout.numbers if name not in skip}
-        columns, dofs, of_slides, joints = model.couplings.free_columns
+        columns, dofs, slide_columns, joints = model.couplings.free_columns
         # Of equal degrees of freedom the last has the column, as in `Couplings.unknowns`.
         last = dict(zip(columns.tolist(), dofs.tolist(), strict=True))
         driven, first = rows_of["Y"][p.free : p.free + p.driven], len(model.prescribed)
-        at_q = np.append(rows_of["Y"][np.array([*last], int)], driven[:first])
-        of_q = np.append(np.array([*last.values()], int), model.prescribed)
+        q_places = np.append(rows_of["Y"][np.array([*last], int)], driven[:first])
+        q_dofs = np.append(np.array([*last.values()], int), model.prescribed)
         X = np.arange(model.mesh.X.size).reshape(model.mesh.X.shape)
         places = [(rows_of["member places"][model.mesh.dofs[:, :2]], X)]
         for work in self._works:
-            of_element = work.of_element(self.layout)
-            places.append((of_element.pop("coordinates"), X[model.mesh.points]))
-            numbers |= {name: all_of(element_rows) for name, element_rows in of_element.items()}
-        at_X, of_X = (np.concatenate([*map(np.ravel, part)]) for part in zip(*places, strict=True))
+            element_places = work.of_element(self.layout)
+            places.append((element_places.pop("coordinates"), X[model.mesh.points]))
+            numbers |= {name: all_of(element_rows) for name, element_rows in element_places.items()}
+        X_places = np.concatenate([place.ravel() for place, _ in places])
+        X_numbers = np.concatenate([number.ravel() for _, number in places])
         return numbers | {
-            "q": Numbers(at_q, of_q, p.dofs),
-            "slides": Numbers(rows_of["Y"][of_slides], joints, model.scene.joint_count),
+            "q": Numbers(q_places, q_dofs, p.dofs),
+            "slides": Numbers(rows_of["Y"][slide_columns], joints, model.scene.joint_count),
             "motors": all_of(driven[first:]),
             "mass": Numbers(
                 rows_of["mass"], self.problem.storage.mass_entries.ravel(), model.masses.matrix.nnz
             ),
-            "X": Numbers(at_X, of_X, X.size),
+            "X": Numbers(X_places, X_numbers, X.size),
         }
 
     def jvp(
@@ -230,22 +231,22 @@ class TapeDerivatives:
         rows_of: Callable[[Part], tuple[np.ndarray, np.ndarray]],
         entries: Mapping[str, np.ndarray] | None = None,
     ) -> Iterator[dict[str, np.ndarray]]:
-        """The same of each part of the tape, the first one first, with rows and sub-steps of each.
+        """Changes of states and forces of each part of the tape, with its rows and sub-steps.
 
         These are asked for when the part is on the tape. With `entries` of states, of these alone.
         """
         count = len(next(iter(changes.values())))
         x = self.layout.vector(changes, self.numbers, count)
-        of_steps = _changes_of_steps(self.layout, changes, count, len(tape))
-        _kept = self._begin_jvp(changes, x, of_steps, directions=count, by_unknowns=0)
+        step_rows = _changes_of_steps(self.layout, changes, count, len(tape))
+        _arrays = self._begin_jvp(changes, x, step_rows, directions=count, by_unknowns=0)
         _reversals = self._with_reversals(tape)
         states, forces = self.layout.states.only(entries), self.layout.forces
         for part in tape.parts(self.problem):
             rows, steps = rows_of(part)
-            of_states, of_forces = states.empty(len(rows), count), forces.empty(len(steps), count)
-            at_ends = states.members(rows, len(tape) + 1, of_states)
-            self._follow("JVP", tape, at_ends, forces.members(steps, len(tape), of_forces))
-            yield states.parts(of_states) | forces.parts(of_forces)
+            state_rows, force_rows = states.empty(len(rows), count), forces.empty(len(steps), count)
+            end_members = states.members(rows, len(tape) + 1, state_rows)
+            self._follow("JVP", tape, end_members, forces.members(steps, len(tape), force_rows))
+            yield states.parts(state_rows) | forces.parts(force_rows)
         names = {"motors": "motors", "internal": "internal", "spring_internal": "spring internal"}
         at_end = {name: x[:, self.numbers[number_name].at] for name, number_name in names.items()}
         #: Changes of the rest of the state at the end of the tape.
@@ -255,7 +256,7 @@ class TapeDerivatives:
         self,
         tape: Tape,
         changes: Mapping[str, np.ndarray],
-        by_unknowns: np.ndarray | None,
+        unknown_values: np.ndarray | None,
         rows: np.ndarray,
         shares: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -267,20 +268,20 @@ class TapeDerivatives:
         p, count, boundaries = self.problem.c, len(changes["X"]), np.arange(len(tape) + 1)
         x, columns = self.layout.vector(changes, self.numbers, count), self.layout.at["Y"]
         put_columns(x, columns[p.free : p.free + p.driven], changes["driven"].reshape(count, -1).T)
-        if by_unknowns is not None:
-            put_columns(x, columns[: p.free], by_unknowns.T)
-        of_steps = np.tile(_changes_of_steps(self.layout, changes, count, 1), (1, len(tape), 1))
-        of_forces, of_ends = (np.zeros((rows.max() + 1, count, n)) for n in (p.free, p.dofs))
-        forces = self.layout.equations.members(boundaries[:-1], len(tape), of_forces, rows)
+        if unknown_values is not None:
+            put_columns(x, columns[: p.free], unknown_values.T)
+        step_rows = np.tile(_changes_of_steps(self.layout, changes, count, 1), (1, len(tape), 1))
+        force_rows, end_rows = (np.zeros((rows.max() + 1, count, n)) for n in (p.free, p.dofs))
+        forces = self.layout.equations.members(boundaries[:-1], len(tape), force_rows, rows)
         row_of = rows if self.places_depend else np.full(len(rows), -1)
-        ends = self.layout.ends.members(boundaries[1:], len(tape) + 1, of_ends, row_of)
+        ends = self.layout.ends.members(boundaries[1:], len(tape) + 1, end_rows, row_of)
         arguments = {"directions": count, "by_unknowns": np.zeros(1), "share": shares}
-        _kept = self._begin_jvp(changes, x, of_steps, **arguments)
+        _arrays = self._begin_jvp(changes, x, step_rows, **arguments)
         self._follow("JVP", tape, ends, forces)
-        return of_forces, of_ends
+        return force_rows, end_rows
 
     def _begin_jvp(
-        self, changes: Mapping[str, np.ndarray], x: np.ndarray, of_steps: np.ndarray, **members: Any
+        self, changes: Mapping[str, np.ndarray], x: np.ndarray, steps: np.ndarray, **members: Any
     ) -> Structs:
         """Hand over changes of all numbers, in groups; returns the owner of their memory."""
         structs = Structs(self.problem.ffi)
@@ -288,7 +289,7 @@ class TapeDerivatives:
         masses = np.zeros(len(x), int)
         for name in changes.keys() & {"mass", "weight"}:
             masses[nonzero_rows(changes[name]) // x.shape[2]] = 1
-        structs.set(self.c, of_steps=never_empty(of_steps), x=x, changes_mass=masses, **members)
+        structs.set(self.c, of_steps=never_empty(steps), x=x, changes_mass=masses, **members)
         return structs
 
     def _follow(self, way: str, tape: Tape, states: dict[str, Any], forces: dict[str, Any]) -> None:
@@ -314,7 +315,7 @@ class TapeDerivatives:
         """Names of the numbers of which there are derivatives."""
         return {*self.numbers, *self.layout.steps}
 
-    def set_slopes(self, by_places: bool) -> None:
+    def set_slopes(self, has_places: bool) -> None:
         """Derivatives of forces of elements, by places of nodes if these are wanted.
 
         And the slides of joints in the reference of the present scene.
@@ -324,13 +325,13 @@ class TapeDerivatives:
             self._slide_at_rest[:-1] = [
                 joint.start()[0] for joint in model.couplings.moving_in(model.scene)
             ]
-        if self._has_places == by_places:
+        if self._has_places == has_places:
             return
-        self._has_places = by_places
+        self._has_places = has_places
         for work in self._works:
-            work.compiled(by_places)  # before the library is waited for
+            work.compiled(has_places)  # before the library is waited for
         for work in self._works:
-            self._structs.set(self.c, **{work.name: work.members(self.layout, by_places)})
+            self._structs.set(self.c, **{work.name: work.members(self.layout, has_places)})
         _, library = self.layout, self.problem.derivatives(self._way)  # which has sizes for C
         room = library.fx_linear_scratch(self.problem.c, self.c)
         self._structs.set(self.c, scratch=aligned_zeros(room))

@@ -17,10 +17,10 @@ def thread_count() -> int:
 
     One for each process of mpirun. SceneError if the environment variable is no such number.
     """
-    if given := os.environ.get(_VARIABLE, ""):
-        if not (given.isdecimal() and 1 <= int(given) <= 64):
-            raise SceneError(f"{_VARIABLE} = {given!r} must be a number of threads from 1 to 64")
-        return int(given)
+    if text := os.environ.get(_VARIABLE, ""):
+        if not (text.isdecimal() and 1 <= int(text) <= 64):
+            raise SceneError(f"{_VARIABLE} = {text!r} must be a number of threads from 1 to 64")
+        return int(text)
     if under_mpirun():
         return 1
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()

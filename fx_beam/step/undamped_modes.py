@@ -102,22 +102,22 @@ class UndampedModes:
         # errors. Sylvester's law counts what is missing. A Krylov space may lack copies of multiple
         # eigenvalues; they are found after deflation of the others.
         pencil = self._pencil
-        below = functools.cache(pencil.below)
+        count = functools.cache(pencil.below)
         sizes = 10.0 ** np.arange(np.log10(self._least), 4, 0.25)  # candidates for their bounds
-        levels = _levels(below, sizes)
+        levels = _levels(count, sizes)
 
-        finite = below(levels[-1])  # the others are infinite, for motions without mass
+        finite = count(levels[-1])  # the others are infinite, for motions without mass
         n = min(n, finite)
         pencil.set_finite(finite)
         least = levels[levels > 0][0]
-        if below(least) == 0 and (all_of_them := self._at_once(n, least)) is not None:
+        if count(least) == 0 and (all_of_them := self._at_once(n, least)) is not None:
             return all_of_them
-        last = levels[bisect.bisect_left(levels, n, key=below)]
+        last = levels[bisect.bisect_left(levels, n, key=count)]
         values, rounding, vectors = np.empty(0), np.empty(0), np.empty((len(self._scale), 0))
 
         def missing(x):
             """Number of eigenvalues below x, and not beside it, that are not found yet."""
-            return below(x) - (values - rounding <= x + 1e-8 * abs(x)).sum()
+            return count(x) - (values - rounding <= x + 1e-8 * abs(x)).sum()
 
         while missing(last) > 0:
             noise = rounding.max(initial=least)
@@ -131,33 +131,33 @@ class UndampedModes:
             new -= vectors @ (vectors.T @ (pencil.M @ new))  # orthogonal to the slices below
             squares, errors, new = pencil.ritz_vectors(new)
             # Vectors above the slice took the place of copies that are not found yet.
-            in_slice = squares <= max(top + 1e-8 * abs(top), squares[0])
-            values = np.append(values, squares[in_slice])
-            rounding = np.append(rounding, errors[in_slice])
-            vectors = np.column_stack([vectors, new[:, in_slice]])
+            is_here = squares <= max(top + 1e-8 * abs(top), squares[0])
+            values = np.append(values, squares[is_here])
+            rounding = np.append(rounding, errors[is_here])
+            vectors = np.column_stack([vectors, new[:, is_here]])
         order = np.argsort(values)[:n]
         return values[order], rounding[order], vectors[:, order]
 
     def _at_once(self, n: int, least: float):
-        """The same if all, above a bound, lie within four decades; otherwise None."""
+        """Results of `_in_slices` if all eigenvalues lie within four decades; otherwise None."""
         new = self._pencil.nearest(n, -least, np.empty((len(self._scale), 0)))
         squares, errors, new = self._pencil.ritz_vectors(new)
         if len(squares) < n or (squares <= errors).any() or squares[-1] > 1e4 * squares[0]:
             return None
-        beneath = (1 - 1e-8) * squares[-1]  # the last one may have copies
-        complete = self._pencil.below(beneath) == (squares < beneath).sum()
+        bound = (1 - 1e-8) * squares[-1]  # the last one may have copies
+        complete = self._pencil.below(bound) == (squares < bound).sum()
         return (squares, errors, new) if complete else None
 
 
-def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
+def _levels(count: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
     """Slice bounds of both signs and these sizes, above the rounding error."""
-    if below(sizes[-1]) < 1:
+    if count(sizes[-1]) < 1:
         raise SceneError("modes: a part moves freely and has no mass. Give it mass or a support")
-    if below(-sizes[-1]) != 0:
+    if count(-sizes[-1]) != 0:
         raise SceneError(
             "modes: the state is unstable in a motion without mass, so its growth rate is infinite."
             " Give this part mass, or use a state with less load"
         )
     # The rounding error of a rigid mode of a stiff part may be large compared with a soft part.
-    least = next(k for k, x in enumerate(sizes) if min(below(x), below(-x)) >= 0)
+    least = next(k for k, x in enumerate(sizes) if min(count(x), count(-x)) >= 0)
     return np.concatenate([-sizes[least:][::-1], sizes[least:]])

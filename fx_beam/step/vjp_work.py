@@ -47,49 +47,49 @@ class VjpWork:
         self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, dict[str, Any]]] = {}
 
     def first_members(self) -> dict[str, Any]:
-        """What the layout of the vector needs of it, as members of ``Vjp`` of c/problem.h."""
+        """Members of ``Vjp`` of c/problem.h that the layout of the vector needs."""
         has_previous = int("q_previous" in self._sizes)
         return {"of_element": sum(self._local.values()), "q_previous": has_previous}
 
-    def compiled(self, by_places: bool) -> tuple[list[tuple[str, int]], Kernel, dict[str, Any]]:
+    def compiled(self, has_places: bool) -> tuple[list[tuple[str, int]], Kernel, dict[str, Any]]:
         """Names of derivatives, each by a weight, and their forms, also as a table for C."""
-        if by_places not in self._compiled:
-            slopes = self._slopes.jacobians(self.array, by_places)
+        if has_places not in self._compiled:
+            slopes = self._slopes.jacobians(self.array, has_places)
             kernel = Kernel([*slopes.values()])
             table = self._tables.of("slopes of forces", kernel)
-            self._compiled[by_places] = [*slopes][1:], kernel, table  # behind the work
-        return self._compiled[by_places]
+            self._compiled[has_places] = [*slopes][1:], kernel, table  # behind the work
+        return self._compiled[has_places]
 
-    def members(self, layout: Layout, by_places: bool) -> dict[str, Any]:
+    def members(self, layout: Layout, has_places: bool) -> dict[str, Any]:
         """The other members; without derivatives by places of nodes if they are not wanted."""
-        slopes, kernel, table = self.compiled(by_places)
+        slopes, kernel, table = self.compiled(has_places)
         ends = {weight: i for i, (name, weight) in enumerate(slopes) if name == "increment"}
         pieces = slopes + [key for weight in ends if (key := ("start", weight)) not in slopes]
         numbers, weights, lanes = self._numbers(layout), self._weights(layout), self._lanes
-        first, of_weights = _starts(self._sizes.values()), [rows.shape[1] for rows in weights]
+        first, widths = _starts(self._sizes.values()), [rows.shape[1] for rows in weights]
         first_number = dict(zip(self._sizes, first, strict=False))
         size = [self._sizes[name] for name, _ in pieces]
-        width = [of_weights[weight] for _, weight in pieces]
+        width = [widths[weight] for _, weight in pieces]
         piece_start = _starts([1, *(m * n for m, n in zip(size, width, strict=True))])
-        behind, of_states = layout.at["nowhere"][0], _IN_COMMON.keys() - {"parameters"}
+        nowhere, state_names = layout.at["nowhere"][0], _IN_COMMON.keys() - {"parameters"}
         cells = kernel.forms[0].cells
         sources, targets = (
-            np.concatenate([in_lanes(np.hstack(rows)[chosen], lanes, behind) for chosen in cells])
+            np.concatenate([in_lanes(np.hstack(rows)[chosen], lanes, nowhere) for chosen in cells])
             for rows in ([*numbers], weights)
         )
         return {
             "slopes": table,
             "blocks": sum(-(-len(chosen) // lanes) for chosen in cells),
             "numbers": first[-1],
-            "of_state": sum(self._sizes[name] for name in self._sizes.keys() & of_states),
-            "weights": sum(of_weights),
+            "of_state": sum(self._sizes[name] for name in self._sizes.keys() & state_names),
+            "weights": sum(widths),
             "slope_numbers": piece_start[-1],
             "pieces": len(pieces),
             "made": len(slopes),
             "piece_start": piece_start[1:-1],
             "number_at": [first_number[name] for name, _ in pieces],
             "piece_numbers": size,
-            "weight_at": [_starts(of_weights)[weight] for _, weight in pieces],
+            "weight_at": [_starts(widths)[weight] for _, weight in pieces],
             "piece_weights": width,
             "end_of": [ends.get(weight, -1) if name == "start" else -1 for name, weight in pieces],
             "from": sources,
@@ -104,10 +104,10 @@ class VjpWork:
 
     def _numbers(self, layout: Layout) -> Iterator[np.ndarray]:
         """Places (cells, n) of all numbers of the elements, in the order of the sizes."""
-        of_element, rows = iter(self.of_element(layout).values()), self._tables.rows
+        element_rows, rows = iter(self.of_element(layout).values()), self._tables.rows
         for name, size in self._sizes.items():
             if name not in _IN_COMMON:
-                yield next(of_element)
+                yield next(element_rows)
                 continue
             array, kind = _IN_COMMON[name]
             columns = self._beams.data.parameters if name == "parameters" else rows[kind]
