@@ -209,8 +209,8 @@ class Extended:
         """Factors of the equations of u and d, and their columns of x."""
         rows = np.append(self.places.first, self.places.forces)
         equations = self.system[rows].tocsc()
-        first_force = np.append(self.places.first, self.places.closing)
-        return splu(equations[:, first_force]), equations[:, : self.free].tocsr()
+        followers = np.append(self.places.first, self.places.closing)
+        return splu(equations[:, followers]), equations[:, : self.free].tocsr()
 
     def spread(self, x: np.ndarray) -> np.ndarray:
         """Small changes (n, ...) of x, u and d, which follow x (free, ...)."""
