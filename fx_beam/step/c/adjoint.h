@@ -85,7 +85,7 @@ static int vjp_solution(Problem *p, const Work *w, const Derivatives *a, const L
   return 1;
 }
 
-/* The same with the derivatives by the forces that friction follows: those by internal variables that have them. */
+/* Derivatives by the equations and by the forces F that friction follows, which are internal variables. */
 static int vjp_followed(Problem *p, Work *w, const Derivatives *a, Linear *l, const double *row, long k, double *x) {
   const Layout *at = &l->at;
   begin_fixed_point(&l->following, 0);

@@ -32,16 +32,16 @@ INLINED void pack_nodes(int nodes, const double *x, const int *at, double *to) {
     for (long block = 0; block * LANES < integral->cells; ++block)
 
 /* The coefficients of a block of elements, [coefficient][lane]. */
-HOT void pack(const Problem *p, const Work *w, const Form *form, const Integral *of, long block, double *coefficients) {
-  const double *data = of->data + (long)of->data_at[block] * form->data_width * LANES;
+HOT void pack(const Problem *p, const Work *w, const Form *form, const Integral *integral, long block, double *coefficients) {
+  const double *data = integral->data + (long)integral->data_at[block] * form->data_width * LANES;
   for (int k = 0; k < form->data_width; ++k, data += LANES)
     *(Lanes *)(coefficients + form->data_column[k] * LANES) = *(const Lanes *)data;
   for (int m = 0; m < form->moving; ++m) {
     int kind = form->kind[m], nodes = p->mesh.cell_dofs / 3;
     int entries = kind == INTERNAL ? p->internal.per_cell : p->natural.per_cell;
     double *to = coefficients + form->offset[m] * LANES;
-    const int *at = (kind == INTERNAL ? of->internal : of->natural) + block * entries * LANES;
-    if (kind < INTERNAL) pack_nodes(nodes, w->fields[kind], of->dofs + block * nodes * LANES, to);
+    const int *at = (kind == INTERNAL ? integral->internal : integral->natural) + block * entries * LANES;
+    if (kind < INTERNAL) pack_nodes(nodes, w->fields[kind], integral->dofs + block * nodes * LANES, to);
     else
       for (int j = 0; j < entries * LANES; j += LANES) *(Lanes *)(to + j) = lanes_of(w->fields[kind], at + j);
   }
@@ -67,7 +67,7 @@ static void begin_form(const Problem *p, const Work *w, const Form *form, double
   if (form->parameters) set_parameters(p, form);
 }
 
-/* The same of the forces of elements, at the level of a sub-step. */
+/* Begins the forms of forces of elements, at the level of a sub-step. */
 static void begin_elements(const Problem *p, const Work *w) {
   double t = p->state.t + p->scheme.level * w->dt;
   begin_form(p, w, &p->forms.internal_forces, t);
@@ -82,7 +82,7 @@ INLINED void add(int entries, const int *to, const double *tensors, double *out)
     for (int l = 0; l < LANES; ++l) out[to[j + l]] += tensors[j + l];
 }
 
-/* The same of forces on nodes, two at once. */
+/* Adds forces on nodes of LANES elements, two entries at once. */
 INLINED void add_forces(int nodes, const int *to, const double *tensors, double *out) {
   for (int node = 0; node < nodes; ++node)
     for (int half = 0; half < LANES; half += 4, to += 4) {
@@ -97,8 +97,8 @@ INLINED void add_forces(int nodes, const int *to, const double *tensors, double 
 
 /* Adds the element tangents of a block to a chain. Three entries of a node are added at once, with a zero
    for the free place behind them. */
-INLINED void add_to_chain(int n, const Integral *of, long block, const double *tensors, double *K) {
-  const int nodes = n / 3, *run = of->run + block * nodes * nodes * LANES;
+INLINED void add_to_chain(int n, const Integral *integral, long block, const double *tensors, double *K) {
+  const int nodes = n / 3, *run = integral->run + block * nodes * nodes * LANES;
   for (int pair = 0; pair < nodes * nodes; ++pair)
     for (int half = 0; half < LANES; half += 4, run += 4)
       for (int c = 0; c < 3; ++c) { /* rows of displacements and of the rotation */
@@ -110,53 +110,53 @@ INLINED void add_to_chain(int n, const Integral *of, long block, const double *t
 #pragma GCC unroll 4
         for (int l = 0; l < 4; ++l) *(Four *)(K + run[l] + c * ROW) += rows[l];
       }
-  for (int k = of->single_start[block]; k < of->single_start[block + 1]; ++k)
-    K[of->single_to[k]] += tensors[of->single_from[k]];
+  for (int k = integral->single_start[block]; k < integral->single_start[block + 1]; ++k)
+    K[integral->single_to[k]] += tensors[integral->single_from[k]];
 }
 
-static void evaluate(const Problem *p, const Work *w, const Form *form, const Integral *of, long block, double *tensors) {
+static void evaluate(const Problem *p, const Work *w, const Form *form, const Integral *integral, long block, double *tensors) {
   double coefficients[(form->width + 1) * LANES] __attribute__((aligned(64)));
-  pack(p, w, form, of, block, coefficients);
-  of->batch(tensors, coefficients, form->constants, of->coordinates + block * p->mesh.cell_coordinates * LANES);
+  pack(p, w, form, integral, block, coefficients);
+  integral->batch(tensors, coefficients, form->constants, integral->coordinates + block * p->mesh.cell_coordinates * LANES);
 }
 
 /* Adds the tangents of a block of elements with n degrees of freedom to matrix entries. */
-INLINED void add_tangents(int n, const Integral *of, long block, const double *tensors, double *K) {
-  if (HAS(CHAIN) && of->run) add_to_chain(n, of, block, tensors, K);
-  else add(n * n, of->stored_at + block * n * n * LANES, tensors, K);
+INLINED void add_tangents(int n, const Integral *integral, long block, const double *tensors, double *K) {
+  if (HAS(CHAIN) && integral->run) add_to_chain(n, integral, block, tensors, K);
+  else add(n * n, integral->stored_at + block * n * n * LANES, tensors, K);
 }
 
 /* Adds forces of some blocks of elements with n degrees of freedom to f and, unless K is 0, their tangent to matrix entries. */
-INLINED void assemble_elements(const Problem *p, const Work *w, int n, const Form *form, const Integral *of, long first, long last,
+INLINED void assemble_elements(const Problem *p, const Work *w, int n, const Form *form, const Integral *integral, long first, long last,
                                double *K) {
   double A[(12 + 12 * 12) * LANES];
-  for (long block = first; block < last && block * LANES < of->cells; ++block) {
-    evaluate(p, w, form, of, block, A);
-    add_forces(n / 3, of->to + block * n / 3 * LANES, A, w->f);
-    if (K) add_tangents(n, of, block, A + n * LANES, K);
+  for (long block = first; block < last && block * LANES < integral->cells; ++block) {
+    evaluate(p, w, form, integral, block, A);
+    add_forces(n / 3, integral->to + block * n / 3 * LANES, A, w->f);
+    if (K) add_tangents(n, integral, block, A + n * LANES, K);
   }
 }
 
-HOT void assemble_blocks(const Problem *p, const Work *w, const Form *form, const Integral *of, long first, long last, double *K) {
-  if (p->mesh.cell_dofs == 6) assemble_elements(p, w, 6, form, of, first, last, K); /* whose loops are unrolled */
-  else assemble_elements(p, w, p->mesh.cell_dofs, form, of, first, last, K);
+HOT void assemble_blocks(const Problem *p, const Work *w, const Form *form, const Integral *integral, long first, long last, double *K) {
+  if (p->mesh.cell_dofs == 6) assemble_elements(p, w, 6, form, integral, first, last, K); /* whose loops are unrolled */
+  else assemble_elements(p, w, p->mesh.cell_dofs, form, integral, first, last, K);
 }
 
 /* Pieces of an integral that have no node in common. */
-typedef struct { const Problem *p; const Work *w; const Form *form; const Integral *of; const int *piece; double *K; } Assembly;
+typedef struct { const Problem *p; const Work *w; const Form *form; const Integral *integral; const int *piece; double *K; } Assembly;
 
 static void assemble_piece(const void *task, int part, int thread) {
   const Assembly *t = task;
   long first = (long)PIECE * t->piece[part];
-  assemble_blocks(t->p, t->w, t->form, t->of, first, first + PIECE, t->K);
+  assemble_blocks(t->p, t->w, t->form, t->integral, first, first + PIECE, t->K);
 }
 
 static void assemble_forces(const Problem *p, const Work *w, const Form *form, double *K) {
-  for (const Integral *of = form->of; of < form->of + form->integrals; ++of) {
-    if (!of->colours) assemble_blocks(p, w, form, of, 0, of->cells, K);
-    for (int k = 0; k < of->colours; ++k) {
-      Assembly task = {p, w, form, of, of->piece + of->colour_start[k], K};
-      share(p->mesh.threads, of->colour_start[k + 1] - of->colour_start[k], assemble_piece, &task);
+  for (const Integral *integral = form->of; integral < form->of + form->integrals; ++integral) {
+    if (!integral->colours) assemble_blocks(p, w, form, integral, 0, integral->cells, K);
+    for (int k = 0; k < integral->colours; ++k) {
+      Assembly task = {p, w, form, integral, integral->piece + integral->colour_start[k], K};
+      share(p->mesh.threads, integral->colour_start[k + 1] - integral->colour_start[k], assemble_piece, &task);
     }
   }
 }
@@ -166,9 +166,9 @@ static double sum_over_elements(const Problem *p, const Work *w, const Form *for
   double sum = 0, A[LANES];
   if (!form->integrals) return 0;
   begin_form(p, w, form, p->state.t);
-  EACH_BLOCK(of, block, form) {
-    evaluate(p, w, form, of, block, A);
-    for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l) sum += A[l];
+  EACH_BLOCK(integral, block, form) {
+    evaluate(p, w, form, integral, block, A);
+    for (int l = 0; l < LANES && block * LANES + l < integral->cells; ++l) sum += A[l];
   }
   return sum;
 }
@@ -179,10 +179,10 @@ static void evolve(const Problem *p, const Work *w) {
   int n = p->internal.per_cell;
   double A[n * LANES];
   begin_form(p, w, form, p->state.t + p->scheme.level * w->dt);
-  EACH_BLOCK(of, block, form) {
-    evaluate(p, w, form, of, block, A);
-    for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l)
+  EACH_BLOCK(integral, block, form) {
+    evaluate(p, w, form, integral, block, A);
+    for (int l = 0; l < LANES && block * LANES + l < integral->cells; ++l)
       for (int k = 0; k < n; ++k)
-        p->state.internal[of->internal[(block * n + k) * LANES + l]] += p->internal.per_weight[k] * A[k * LANES + l];
+        p->state.internal[integral->internal[(block * n + k) * LANES + l]] += p->internal.per_weight[k] * A[k * LANES + l];
   }
 }

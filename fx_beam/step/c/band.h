@@ -26,7 +26,7 @@ INLINED void substitute_row(int reach, int direction, const double *restrict row
   b[0] = sum * row[0];
 }
 
-/* The same for a reach that the compiler does not know: each once, as unrolled loops take long to compile. */
+/* Elimination with a reach that the compiler does not know: each once, as unrolled loops take long to compile. */
 COMPILED_ONCE void eliminate_any(int band, int reach, int direction, double *restrict pivot, double *restrict b) {
   eliminate_rows(band, reach, direction, pivot, b);
 }
@@ -57,21 +57,21 @@ INLINED Ends ends_around(int n, int band, int middle) {
 
 /* LU factorisation in place without pivoting, with the same of a right side b; returns 0 if a pivot is
    zero. Proceeds from both ends to the middle: the processor can overlap the two divisions. */
-INLINED int eliminate_band(int n, int band, Ends of, double *A, double *b) {
-  int most = of.top > of.bottom ? of.top : of.bottom, last = n - 1 - of.bottom;
+INLINED int eliminate_band(int n, int band, Ends ends, double *A, double *b) {
+  int most = ends.top > ends.bottom ? ends.top : ends.bottom, last = n - 1 - ends.bottom;
   long row = 2 * band + 1;
   double *top = A + band, *bottom = A + band + (n - 1) * row, *end = b + n - 1;
   for (int k = 0; k < most; ++k) {
-    if (k < of.top) {
+    if (k < ends.top) {
       if (!is_pivot(top[k * row])) return 0;
       eliminate(band, band, 1, top + k * row, b + k);
     }
-    if (k < of.bottom) {
+    if (k < ends.bottom) {
       if (!is_pivot(bottom[-k * row])) return 0;
       eliminate(band, band, -1, bottom - k * row, end - k);
     }
   }
-  for (int k = of.top; k <= last; ++k) {
+  for (int k = ends.top; k <= last; ++k) {
     if (!is_pivot(top[k * row])) return 0;
     /* Separate, so that the loops have a constant length except at the end. */
     if (k + band <= last) eliminate(band, band, 1, top + k * row, b + k);
@@ -81,36 +81,36 @@ INLINED int eliminate_band(int n, int band, Ends of, double *A, double *b) {
 }
 
 /* The solution in place of b: only those that are `reached` or not, if it is given. */
-INLINED void substitute_band(int n, int band, Ends of, const double *A, double *b, const int *reached, int now) {
-  int most = of.top > of.bottom ? of.top : of.bottom, last = n - 1 - of.bottom;
+INLINED void substitute_band(int n, int band, Ends ends, const double *A, double *b, const int *reached, int now) {
+  int most = ends.top > ends.bottom ? ends.top : ends.bottom, last = n - 1 - ends.bottom;
   long row = 2 * band + 1;
   const double *top = A + band, *bottom = A + band + (n - 1) * row;
-  for (int k = last; k >= of.top; --k) {
+  for (int k = last; k >= ends.top; --k) {
     if (reached && reached[k] != now) continue;
     if (k + band <= last) substitute(band, 1, top + k * row, b + k);
     else substitute(last - k, 1, top + k * row, b + k);
   }
   for (int k = most - 1; k >= 0; --k) {
-    if (k < of.top && !(reached && reached[k] != now)) substitute(band, 1, top + k * row, b + k);
-    if (k < of.bottom && !(reached && reached[n - 1 - k] != now))
+    if (k < ends.top && !(reached && reached[k] != now)) substitute(band, 1, top + k * row, b + k);
+    if (k < ends.bottom && !(reached && reached[n - 1 - k] != now))
       substitute(band, -1, bottom - k * row, b + n - 1 - k);
   }
 }
 
 /* Subtracts a multiple of a row of the block (work.h), of n times four columns, from another one. */
-INLINED void subtract_in_block(const Work *w, int n, int row, double factor, int of) {
-  Four *to = (Four *)w->block + (long)row * n, *by = (Four *)w->block + (long)of * n;
-  for (int j = 0; j < n; ++j) to[j] -= factor * by[j];
+INLINED void subtract_in_block(const Work *w, int n, int row, double factor, int other) {
+  Four *to = (Four *)w->block + (long)row * n, *subtracted = (Four *)w->block + (long)other * n;
+  for (int j = 0; j < n; ++j) to[j] -= factor * subtracted[j];
 }
 
 /* The block from its right sides and factors of a band matrix. */
-INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int columns) {
-  int n = p->free, band = p->system.band, last = n - 1 - of.bottom;
+INLINED void solve_band_columns(const Problem *p, const Work *w, Ends ends, int columns) {
+  int n = p->free, band = p->system.band, last = n - 1 - ends.bottom;
   long width = 2 * band + 1;
   const double *A = w->tangent + band;
   for (int part = 0; part < 2; ++part)
-    for (int i = 0; i < (part ? last + 1 : of.bottom); ++i) {
-      int k = part ? i : n - 1 - i, direction = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
+    for (int i = 0; i < (part ? last + 1 : ends.bottom); ++i) {
+      int k = part ? i : n - 1 - i, direction = part ? 1 : -1, reach_of = k >= ends.top && part ? last - k : band;
       const double *pivot = A + k * width;
       if (!w->reached[k]) continue;
       for (int j = 1; j <= band && j <= reach_of; ++j) {
@@ -121,8 +121,8 @@ INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int co
       }
     }
   for (int part = 1; part >= 0; --part)
-    for (int i = (part ? last + 1 : of.bottom) - 1; i >= 0; --i) {
-      int k = part ? i : n - 1 - i, direction = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
+    for (int i = (part ? last + 1 : ends.bottom) - 1; i >= 0; --i) {
+      int k = part ? i : n - 1 - i, direction = part ? 1 : -1, reach_of = k >= ends.top && part ? last - k : band;
       const double *pivot = A + k * width;
       Four *row = (Four *)w->block + (long)k * columns;
       if (!w->reached[k]) continue;
@@ -142,10 +142,10 @@ INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int co
                      : function(n, (p)->system.band, __VA_ARGS__))
 
 /* Both of the tangent and the right side y, whose solution takes its place. */
-COMPILED_ONCE int eliminate_tangent(const Problem *p, const Work *w, int n, Ends of) {
-  return OF_BAND(p, eliminate_band, n, of, w->tangent, w->y);
+COMPILED_ONCE int eliminate_tangent(const Problem *p, const Work *w, int n, Ends ends) {
+  return OF_BAND(p, eliminate_band, n, ends, w->tangent, w->y);
 }
 
-COMPILED_ONCE void substitute_tangent(const Problem *p, const Work *w, int n, Ends of, const int *reached, int now) {
-  OF_BAND(p, substitute_band, n, of, w->tangent, w->y, reached, now);
+COMPILED_ONCE void substitute_tangent(const Problem *p, const Work *w, int n, Ends ends, const int *reached, int now) {
+  OF_BAND(p, substitute_band, n, ends, w->tangent, w->y, reached, now);
 }

@@ -55,10 +55,10 @@ INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
     w->block[(long)at * p->border.block + ON_BORDER - column] += x;
   } else if (column >= 0) {
     int at = p->system.order[column], *crossed = w->crossed + 2 * (ON_BORDER - row);
-    double *of = w->border + (long)(ON_BORDER - row) * p->system.positions;
+    double *border = w->border + (long)(ON_BORDER - row) * p->system.positions;
     reach(p, w, at);
-    widen(of, crossed, crossed + 1, at);
-    of[at] += x;
+    widen(border, crossed, crossed + 1, at);
+    border[at] += x;
   } else {
     w->corner[(ON_BORDER - row) * p->border.rows + ON_BORDER - column] += x;
   }

@@ -117,10 +117,10 @@ INLINED void solve_by_inverse(int n, const double *group, Four *rows) {
   Four *x = rows, *y = rows + n, *z = rows + 2 * n;
   const double *a = group + DIAGONAL, *b = a + ROW, *c = b + ROW;
   for (int j = 0; j < n; ++j) {
-    Four of[] = {x[j], y[j], z[j]};
-    x[j] = a[0] * of[0] + a[1] * of[1] + a[2] * of[2];
-    y[j] = b[0] * of[0] + b[1] * of[1] + b[2] * of[2];
-    z[j] = c[0] * of[0] + c[1] * of[1] + c[2] * of[2];
+    Four right[] = {x[j], y[j], z[j]};
+    x[j] = a[0] * right[0] + a[1] * right[1] + a[2] * right[2];
+    y[j] = b[0] * right[0] + b[1] * right[1] + b[2] * right[2];
+    z[j] = c[0] * right[0] + c[1] * right[1] + c[2] * right[2];
   }
 }
 

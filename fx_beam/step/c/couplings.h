@@ -97,7 +97,7 @@ HOT void expand_columns(const Problem *p, const Work *w) {
   if (HAS(LOOPS)) turn_gears(p, w);
 }
 
-/* The same with the columns of the nodes that slide on beams. */
+/* Increments D of all degrees of freedom, with the columns of nodes that slide on beams. */
 static void expand_trees(const Problem *p, const Work *w) {
   expand_columns(p, w);
   for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) { /* a beam may hang on a node that slides on another one */
@@ -117,7 +117,7 @@ static int choose_ahead(const Problem *p, const Work *w) {
   return choose_following(p, w);
 }
 
-/* The same with the unknowns that close loops corrected. Returns 0 if loops cannot be closed. */
+/* Increments D with corrected unknowns that close loops; returns 0 if loops cannot be closed. */
 static int expand(const Problem *p, const Work *w) {
   double last = HUGE_VAL;
   int left = CLOSINGS;
@@ -141,7 +141,7 @@ HOT void spread_open(const Problem *p, const Work *w, double *z, double *out) {
   }
 }
 
-/* The same with unknowns that close loops. */
+/* Small changes of all degrees of freedom for those z of the columns, with unknowns that close loops. */
 static void spread(const Problem *p, const Work *w, double *z, double *out) {
   if (HAS(LOOPS)) complete(p, w, z);
   spread_open(p, w, z, out);

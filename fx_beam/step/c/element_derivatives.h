@@ -6,26 +6,26 @@
 #include "linearised.h"
 
 /* The Jacobians of a block of elements in a sub-step that has begun. */
-static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *of, const Integral *integral, long block, double *to) {
-  evaluate(p, w, &of->slopes, integral, block, to);
-  for (int i = 0; i < of->pieces; ++i) {
-    int end = of->end_of[i], weights = of->piece_weights[i], n = of->piece_numbers[i] * weights * LANES;
-    double *piece = to + of->piece_start[i] * LANES, *by_end = end < 0 ? 0 : to + of->piece_start[end] * LANES;
-    if (i >= of->made) memset(piece, 0, n * sizeof(double));
-    else if (of->weight_at[i])
+static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *elements, const Integral *integral, long block, double *to) {
+  evaluate(p, w, &elements->slopes, integral, block, to);
+  for (int i = 0; i < elements->pieces; ++i) {
+    int end = elements->end_of[i], weights = elements->piece_weights[i], n = elements->piece_numbers[i] * weights * LANES;
+    double *piece = to + elements->piece_start[i] * LANES, *by_end = end < 0 ? 0 : to + elements->piece_start[end] * LANES;
+    if (i >= elements->made) memset(piece, 0, n * sizeof(double));
+    else if (elements->weight_at[i])
       for (int k = 0; k < n; ++k) piece[k] *= p->internal.per_weight[k / LANES % weights];
     for (int k = 0; by_end && k < n; ++k) piece[k] -= by_end[k];
   }
 }
 
-/* Those of all elements, or a share of them that is added to a sum. */
+/* Jacobians of all elements, or a share of them that is added to a sum. */
 static void find_slopes(const Problem *p, const Work *w, const Derivatives *a, const Linear *l) {
   for (int i = 0; i < 2; ++i) {
-    const Vjp *of = work_of_elements(a, i);
-    long n = (long)of->slope_numbers * LANES;
+    const Vjp *elements = work_of_elements(a, i);
+    long n = (long)elements->slope_numbers * LANES;
     double *to = l->slopes[i], room[n + 1];
-    EACH_BLOCK(integral, block, &of->slopes) {
-      evaluate_slopes(p, w, of, integral, block, l->share ? room : to);
+    EACH_BLOCK(integral, block, &elements->slopes) {
+      evaluate_slopes(p, w, elements, integral, block, l->share ? room : to);
       for (long k = 0; l->share && k < n; ++k) to[k] = l->share * room[k] + (l->adds ? to[k] : 0);
       to += n;
     }
@@ -34,14 +34,14 @@ static void find_slopes(const Problem *p, const Work *w, const Derivatives *a, c
 
 /* Adds the tangent of elements with internal variables, by their slopes. On a yield surface it has a kink: there round-off may
    choose another side of it in the tangent for steps, with which the slopes would not fit. */
-static void add_slopes(const Problem *p, const Vjp *of, const double *slopes, double *K) {
+static void add_slopes(const Problem *p, const Vjp *elements, const double *slopes, double *K) {
   int n = p->mesh.cell_dofs;
   double A[12 * 12 * LANES];
   EACH_BLOCK(integral, block, &p->forms.internal_forces) {
-    const double *by_end = slopes + of->piece_start[0] * LANES; /* [increment][force][lane] */
+    const double *by_end = slopes + elements->piece_start[0] * LANES; /* [increment][force][lane] */
     for (int k = 0; k < n * n; ++k) memcpy(A + k * LANES, by_end + (k % n * n + k / n) * LANES, LANES * sizeof(double));
     add_tangents(n, integral, block, A, K);
-    slopes += of->slope_numbers * LANES;
+    slopes += elements->slope_numbers * LANES;
   }
 }
 
@@ -116,27 +116,27 @@ INLINED void add_products(int numbers, int weights, const double *slopes, const 
 
 /* Adds the changes of forces of elements, the first `weights`, or with `internal` those of internal variables behind them.
    With `held` the end does not change. */
-INLINED void jvp_cells(const Vjp *of, const double *slopes, int weights, int internal, int held, Changes *x) {
-  const int *from = of->from, *to = of->to + (internal ? (of->weights - weights) * LANES : 0);
-  EACH_BLOCK(integral, block, &of->slopes) {
+INLINED void jvp_cells(const Vjp *elements, const double *slopes, int weights, int internal, int held, Changes *x) {
+  const int *from = elements->from, *to = elements->to + (internal ? (elements->weights - weights) * LANES : 0);
+  EACH_BLOCK(integral, block, &elements->slopes) {
     for (int lane = 0; lane < LANES && block * LANES + lane < integral->cells; ++lane) {
       Changes sums[weights];
       for (int k = 0; k < weights; ++k) sums[k] = (Changes){0};
-      for (int i = 0; i < of->pieces; ++i)
-        if (!of->weight_at[i] == !internal && !(held && !of->number_at[i]))
-          add_products(of->piece_numbers[i], weights, slopes + of->piece_start[i] * LANES + lane,
-                       from + of->number_at[i] * LANES + lane, x, sums);
+      for (int i = 0; i < elements->pieces; ++i)
+        if (!elements->weight_at[i] == !internal && !(held && !elements->number_at[i]))
+          add_products(elements->piece_numbers[i], weights, slopes + elements->piece_start[i] * LANES + lane,
+                       from + elements->number_at[i] * LANES + lane, x, sums);
       for (int k = 0; k < weights; ++k) x[to[k * LANES + lane]] += sums[k];
     }
-    slopes += (long)of->slope_numbers * LANES, from += of->numbers * LANES, to += of->weights * LANES;
+    slopes += (long)elements->slope_numbers * LANES, from += elements->numbers * LANES, to += elements->weights * LANES;
   }
 }
 
 HOT void jvp_elements(const Problem *p, const Derivatives *a, const Linear *l, int held, Changes *x) {
   for (int i = 0; i < 2; ++i) {
-    const Vjp *of = work_of_elements(a, i);
-    if (p->mesh.cell_dofs == 6) jvp_cells(of, l->slopes[i], 6, 0, held, x); /* sums stay in registers */
-    else jvp_cells(of, l->slopes[i], p->mesh.cell_dofs, 0, held, x);
+    const Vjp *elements = work_of_elements(a, i);
+    if (p->mesh.cell_dofs == 6) jvp_cells(elements, l->slopes[i], 6, 0, held, x); /* sums stay in registers */
+    else jvp_cells(elements, l->slopes[i], p->mesh.cell_dofs, 0, held, x);
   }
 }
 
@@ -153,30 +153,30 @@ INLINED void add_transposed(int numbers, int weights, const double *slopes, cons
 
 /* The derivatives by the numbers of elements, by their slopes if these are stored; without `last` not by those of each
    element itself. */
-INLINED void vjp_cells(const Problem *p, const Work *w, const Vjp *of, const double *stored, int weights, int last, double *x) {
-  const int *from = of->from, *to = of->to;
-  Four weight[of->weights * (LANES / 4) + 1];
-  double room[of->slope_numbers * LANES + 1];
-  EACH_BLOCK(integral, block, &of->slopes) {
+INLINED void vjp_cells(const Problem *p, const Work *w, const Vjp *elements, const double *stored, int weights, int last, double *x) {
+  const int *from = elements->from, *to = elements->to;
+  Four weight[elements->weights * (LANES / 4) + 1];
+  double room[elements->slope_numbers * LANES + 1];
+  EACH_BLOCK(integral, block, &elements->slopes) {
     const double *slopes = stored ? stored : room;
-    if (stored) stored += (long)of->slope_numbers * LANES; else evaluate_slopes(p, w, of, integral, block, room);
-    for (int k = 0; k < of->weights * LANES; ++k) ((double *)weight)[k] = x[to[k]];
-    for (int i = 0; i < of->pieces; ++i) {
-      int internal = of->weight_at[i], at = of->number_at[i];
-      if (last || at < of->of_state)
-        add_transposed(of->piece_numbers[i], internal ? of->piece_weights[i] : weights, slopes + of->piece_start[i] * LANES,
+    if (stored) stored += (long)elements->slope_numbers * LANES; else evaluate_slopes(p, w, elements, integral, block, room);
+    for (int k = 0; k < elements->weights * LANES; ++k) ((double *)weight)[k] = x[to[k]];
+    for (int i = 0; i < elements->pieces; ++i) {
+      int internal = elements->weight_at[i], at = elements->number_at[i];
+      if (last || at < elements->of_state)
+        add_transposed(elements->piece_numbers[i], internal ? elements->piece_weights[i] : weights, slopes + elements->piece_start[i] * LANES,
                        from + at * LANES, weight + internal * (LANES / 4), x);
     }
-    from += of->numbers * LANES, to += of->weights * LANES;
+    from += elements->numbers * LANES, to += elements->weights * LANES;
   }
 }
 
 HOT void vjp_elements(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int last, double *x) {
   for (int i = 0; i < 2; ++i) {
-    const Vjp *of = work_of_elements(a, i);
+    const Vjp *elements = work_of_elements(a, i);
     const double *stored = l->stores ? l->slopes[i] : 0;
-    if (p->mesh.cell_dofs == 6) vjp_cells(p, w, of, stored, 6, last, x);
-    else vjp_cells(p, w, of, stored, p->mesh.cell_dofs, last, x);
+    if (p->mesh.cell_dofs == 6) vjp_cells(p, w, elements, stored, 6, last, x);
+    else vjp_cells(p, w, elements, stored, p->mesh.cell_dofs, last, x);
   }
 }
 

@@ -10,7 +10,7 @@ static void add_to(IntList *list, int value) {
   list->of[list->count++] = value;
 }
 
-/* Those that were added last are asked for most often. */
+/* Adds a value that a list lacks; values that were added last are asked for most often. */
 static void add_once(IntList *list, int value) {
   for (int i = list->count - 1; i >= 0; --i)
     if (list->of[i] == value) return;
@@ -62,8 +62,8 @@ static int put_in(const Elimination *e, Degrees *d, int g, int least) {
    after what they act on (lu_layout.py). What each is coupled with then remains in its list; its position is in
    `position`. */
 static void eliminate_groups(const Elimination *e) {
-  int n = e->groups, all = e->first_unknown[n] + 1, least = 0, *lists = e->work, *of = lists + 2 * all;
-  Degrees d = {lists, lists + all, of, of + n, of + 2 * n, of + 3 * n, of + 4 * n};
+  int n = e->groups, all = e->first_unknown[n] + 1, least = 0, *lists = e->work, *links = lists + 2 * all;
+  Degrees d = {lists, lists + all, links, links + n, links + 2 * n, links + 3 * n, links + 4 * n};
   memcpy(d.waits, e->waits, n * sizeof(int));
   for (int i = 0; i < all; ++i) d.head[i] = d.tail[i] = -1;
   for (int g = 0; g < n; ++g) d.mark[g] = -1, put_in(e, &d, g, 0);

@@ -8,4 +8,4 @@ typedef void (*Tabulate)(double *, const double *, const double *, const double 
 /* Numbers of coefficients, constants, coordinates and values of an element. */
 typedef struct { int width, constants, coordinates, values; } Sizes;
 
-void fx_tabulate(Tabulate tabulate, Sizes of, int rows, int cells, const double *w, const double *c, const double *x, double *A);
+void fx_tabulate(Tabulate tabulate, Sizes sizes, int rows, int cells, const double *w, const double *c, const double *x, double *A);

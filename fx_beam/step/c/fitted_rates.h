@@ -19,41 +19,41 @@ static const double YIELDING = 1e-13;
 enum { TIED_BY_MAP = BEGUN, SPREAD_BY_MAP = FORCED, SLID_BY_MAP = TOUCHED, INERT = SLID, LIGHT = STRAINED, INERT_BY_MASS = LEVERS };
 enum { FIT_BLOCKS = 21 };
 
-/* What is linear in the rates, and T by the configuration, in the order in which they are evaluated. */
+/* Laws that are linear in the rates, and T by the configuration, in the order in which they are evaluated. */
 typedef struct { Linear of, shape; Block *block[FIT_BLOCKS]; long size; int solutions; } Fit;
 
 static void begin_fits(const Problem *p, Work *w, const Derivatives *a, Fit *f) {
   Linear *l = &f->of, *shape = &f->shape;
-  Block *of = l->of, *by = shape->of;
+  Block *fit = l->of, *shapes = shape->of;
   int equal = p->map.equal, left = p->map.count - equal;
   begin_linear(p, w, a, l);
-  of[SPREAD_BY_MAP] = (Block){0, left, 0, p->map.value + equal, p->map.row + equal, p->map.column + equal,
+  fit[SPREAD_BY_MAP] = (Block){0, left, 0, p->map.value + equal, p->map.row + equal, p->map.column + equal,
                               p->map.sign + equal, w->z, l->at.map, l->at.q1};
-  *shape = *l, memset(by, 0, sizeof shape->of);
+  *shape = *l, memset(shapes, 0, sizeof shape->of);
   Layout *at = &shape->at;
   at->q1 = at->q, at->Y1 = at->Y, at->slides = at->size;
   /* Numbers of beams change T alone, not what is linear in the rates: what it would read of them is zero. */
   l->at.places = at->size + SLIDE_NUMBERS * p->sliders.count, l->at.paths = l->at.places + 3 * p->sliders.count;
   f->size = l->at.paths + p->sliders.path_numbers;
-  Block *block[] = {of + DRIVEN, by + WEIGHED, by + SLID, by + LEVERS, by + CARRIED, of + TIED_BY_MAP, of + SPREAD_BY_MAP,
-                    of + WEIGHED, of + TIED, of + EQUAL, of + SPREAD, of + SLID_BY_MAP, of + PLACED, of + INERT, of + LIGHT,
-                    of + INERT_BY_MASS, of + CARRIED, of + COLLECTED, of + ROWS, of + ROWS_BY_MAP, of + MAPPED};
+  Block *block[] = {fit + DRIVEN, shapes + WEIGHED, shapes + SLID, shapes + LEVERS, shapes + CARRIED, fit + TIED_BY_MAP, fit + SPREAD_BY_MAP,
+                    fit + WEIGHED, fit + TIED, fit + EQUAL, fit + SPREAD, fit + SLID_BY_MAP, fit + PLACED, fit + INERT, fit + LIGHT,
+                    fit + INERT_BY_MASS, fit + CARRIED, fit + COLLECTED, fit + ROWS, fit + ROWS_BY_MAP, fit + MAPPED};
   memcpy(f->block, block, sizeof block);
-  for (int i = 0; i < p->driven; ++i) put(of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
+  for (int i = 0; i < p->driven; ++i) put(fit + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
   for (int i = 0; i < p->dofs; ++i)
     for (int end = 0; end < 2; ++end) {
       int from = end ? l->at.q1 : l->at.v, sign = end ? 1 : -1;
       for (int k = p->mass.start[i / 3]; k < p->mass.start[i / 3 + 1]; ++k)
-        put(of + INERT, from + p->mass.dof[k] + i % 3, l->at.r + i, sign * p->mass.value[3 * k + i % 3]);
-      put(of + LIGHT, from + i, l->at.r + i, sign * p->statics.viscous_weight[i]);
+        put(fit + INERT, from + p->mass.dof[k] + i % 3, l->at.r + i, sign * p->mass.value[3 * k + i % 3]);
+      put(fit + LIGHT, from + i, l->at.r + i, sign * p->statics.viscous_weight[i]);
     }
-  f->solutions = of[LIGHT].count || p->loops.closures ? 2 : 1;
+  f->solutions = fit[LIGHT].count || p->loops.closures ? 2 : 1;
 }
 
 /* Takes the changes of a state, of `count` directions from the `first` on. */
-static void load_row(const Derivatives *a, const RowsOfRun *of, long row, long first, int count, Changes *x) {
+static void load_row(const Derivatives *a, const RowsOfRun *states, long row, long first, int count, Changes *x) {
   for (int j = 0; j < count; ++j)
-    for (int i = 0; i < of->size; ++i) x[of->place[i]][j] = of->rows[(row * a->directions + first + j) * of->size + i];
+    for (int i = 0; i < states->size; ++i) x[states->place[i]][j] = states->rows[(row * a->directions + first + j) * states->size + i];
 }
 
 /* Rates u of the nodes for w of the columns, in `z`; their impulses, also those of small masses, and in `columns` those on
@@ -68,10 +68,10 @@ static void find_impulses(const Problem *p, const Work *w, const double *v, doub
 }
 
 /* The equations at a configuration; returns whether they are those of the row before, as no arm has turned. */
-static int begin_fit(Problem *p, Work *w, const Fits *of, long row) {
+static int begin_fit(Problem *p, Work *w, const Fits *fits, long row) {
   double *K = w->tangent;
-  memcpy(p->state.q, of->q + row * p->dofs, p->dofs * sizeof(double));
-  memcpy(p->state.slides, of->slides + row * p->passes.joints, p->passes.joints * sizeof(double));
+  memcpy(p->state.q, fits->q + row * p->dofs, p->dofs * sizeof(double));
+  memcpy(p->state.slides, fits->slides + row * p->passes.joints, p->passes.joints * sizeof(double));
   memset(w->z, 0, (p->columns + p->auxiliary.count) * sizeof(double));
   begin_couplings(p, w);
   int same = row > 0 && p->newton.raised == 0 && !(HAS(CHAIN | BAND) || p->sliders.count || p->loops.closures);
@@ -226,7 +226,7 @@ static void vjp_group(const Problem *p, const Work *w, const Fit *f, double *tri
 /* Rates that fit given ones, and with the `way` BACKWARDS or FORWARDS their derivatives: backwards those of a function of
    rates and impulses, `forces` of Derivatives, by the states `states`; forwards changes. Rows of which the equations are
    singular are left as they are. Returns 0 without memory. */
-KEPT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
+KEPT int fx_fit(Problem *p, const Fits *fits, const Derivatives *a, int way) {
   Work work, *w = &work;
   Fit f;
   begin_fits(p, w, a, &f);
@@ -234,17 +234,17 @@ KEPT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
   long groups = way == FORWARDS ? (a->directions + GROUP_SIZE - 1) / GROUP_SIZE : 0;
   long joints = 3 * p->passes.joints, constrained = p->columns - p->free;
   Changes *x = calloc(f.size, sizeof(Changes));
-  double *by = calloc(2 * f.size, sizeof(double));
-  for (long row = 0; x && by && row < of->rows; ++row) {
-    int same = begin_fit(p, w, of, row);
+  double *slopes = calloc(2 * f.size, sizeof(double));
+  for (long row = 0; x && slopes && row < fits->rows; ++row) {
+    int same = begin_fit(p, w, fits, row);
     for (int i = 0; i < BLOCKS; ++i) f.shape.of[i].count = 0;
     for (int j = 0; way && j < p->joints.count; ++j) put_joint(p, w, a, &f.shape, 0, j); /* T without the increments to be found */
     if (way) put_gears(p, w, &f.shape);
-    const double *v = of->v + row * p->dofs;
-    double *u = of->rates + row * p->dofs;
-    if (!find_fit(p, w, &f.of, f.solutions, way, same, v, of->driven + row * p->driven, u)) continue;
-    memcpy(of->joints + row * joints, w->joint_forces, joints * sizeof(double));
-    memcpy(of->constraints + row * constrained, w->columns + p->free, constrained * sizeof(double));
+    const double *v = fits->v + row * p->dofs;
+    double *u = fits->rates + row * p->dofs;
+    if (!find_fit(p, w, &f.of, f.solutions, way, same, v, fits->driven + row * p->driven, u)) continue;
+    memcpy(fits->joints + row * joints, w->joint_forces, joints * sizeof(double));
+    memcpy(fits->constraints + row * constrained, w->columns + p->free, constrained * sizeof(double));
     if (!way) continue;
     linearise_fit(p, w, &f), put_moved(p, w, &f, u);
     for (long i = 0; i < groups; ++i) {
@@ -256,13 +256,13 @@ KEPT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
       add_changes(a, &a->forces, row, 1, x, first, count);
     }
     if (way == FORWARDS) continue;
-    memset(by + at->Y, 0, (f.size - at->Y) * sizeof(double));
-    add_given(&a->forces, row, 1, by);
-    vjp_group(p, w, &f, by + f.size, by);
-    for (int i = 0; i < a->states.size; ++i) a->states.rows[row * a->states.size + i] = by[a->states.place[i]];
+    memset(slopes + at->Y, 0, (f.size - at->Y) * sizeof(double));
+    add_given(&a->forces, row, 1, slopes);
+    vjp_group(p, w, &f, slopes + f.size, slopes);
+    for (int i = 0; i < a->states.size; ++i) a->states.rows[row * a->states.size + i] = slopes[a->states.place[i]];
   }
-  if (x && by && way == BACKWARDS) memcpy(a->x, by, at->Y * sizeof(double));
-  int lacks = !x || !by || end_linear(p, &f.shape, 0) | end_linear(p, &f.of, 0);
-  free(x), free(by);
+  if (x && slopes && way == BACKWARDS) memcpy(a->x, slopes, at->Y * sizeof(double));
+  int lacks = !x || !slopes || end_linear(p, &f.shape, 0) | end_linear(p, &f.of, 0);
+  free(x), free(slopes);
   return !lacks;
 }

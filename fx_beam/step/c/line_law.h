@@ -28,7 +28,7 @@ static LinePiece line_piece(const PointForce *e, int k) {
   return p;
 }
 
-/* What the law of the length is given: the length, its increment and rate, and the rest as it is. */
+/* Arguments of the law of the length: the length, its increment and rate, and the rest as it is. */
 static int given_of_length(const PointForce *e, double *to) {
   int middle = 2 + e->internal + e->iteration_memory;
   memset(to, 0, 3 * sizeof(double));

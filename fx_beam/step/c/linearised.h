@@ -88,13 +88,13 @@ static long end_linear(Problem *p, Linear *l, long left) {
 static double rates_per_path(const Problem *p, double dt) { return p->scheme.at_rest ? 0 : 2 / dt; }
 
 /* Adds a share of the given derivatives by a state or by forces themselves. */
-static void add_given(const RowsOfRun *of, long k, double share, double *x) {
-  if (of->at[k] < 0) return;
-  const double *row = of->rows + (long)of->at[k] * of->size;
-  for (int i = 0; i < of->size; ++i) x[of->place[i]] += share * row[i];
+static void add_given(const RowsOfRun *run, long k, double share, double *x) {
+  if (run->at[k] < 0) return;
+  const double *row = run->rows + (long)run->at[k] * run->size;
+  for (int i = 0; i < run->size; ++i) x[run->place[i]] += share * row[i];
 }
 
-/* That of a sub-step. */
+/* Share of a sub-step in the row of its step. */
 static double share_of(const Derivatives *a, long k) { return a->by_unknowns ? a->share[k] : 1; }
 
 /* Natural strains at the end. */
@@ -428,11 +428,11 @@ static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) 
 }
 
 /* Adds a share of the changes of a state or of forces, of `count` directions from the `first` on, to a row. */
-static void add_changes(const Derivatives *a, const RowsOfRun *of, long k, double share, const Changes *x, long first, int count) {
-  if (of->at[k] < 0) return;
-  double *row = of->rows + (of->at[k] * (long)a->directions + first) * of->size;
-  for (int i = 0; i < of->size; ++i)
-    for (int j = 0; j < count; ++j) row[(long)j * of->size + i] += share * x[of->place[i]][j];
+static void add_changes(const Derivatives *a, const RowsOfRun *run, long k, double share, const Changes *x, long first, int count) {
+  if (run->at[k] < 0) return;
+  double *row = run->rows + (run->at[k] * (long)a->directions + first) * run->size;
+  for (int i = 0; i < run->size; ++i)
+    for (int j = 0; j < count; ++j) row[(long)j * run->size + i] += share * x[run->place[i]][j];
 }
 
 /* The right sides of the block, from rows, or from forces where nothing is COUPLED. */

@@ -15,13 +15,13 @@ static void derive_by_beams(const Problem *p, const Work *w, const double *value
   for (const Slider *a = p->sliders.slider + p->sliders.count - 1; a >= p->sliders.slider && p->sliders.count; --a)
     for (int c = 0; c < a->components; ++c) {
       const double *T = values == w->virtual_map ? a->virtual_map[c] : a->T[c];
-      double of = row[a->carried[c]];
+      double slope = row[a->carried[c]];
       row[a->carried[c]] = 0;
-      row[a->column] += of * T[ARC];
-      for (int l = 0; l < a->components * a->width && of != 0; ++l) {
+      row[a->column] += slope * T[ARC];
+      for (int l = 0; l < a->components * a->width && slope != 0; ++l) {
         int dof = 3 * (a->first + l % a->width) + l / a->width;
         for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e)
-          row[a->part_column[e]] += of * T[l] * a->part_sign[e] * values[a->part_value[e]];
+          row[a->part_column[e]] += slope * T[l] * a->part_sign[e] * values[a->part_value[e]];
       }
     }
 }
@@ -41,8 +41,8 @@ static void derive_closures(const Problem *p, const Work *w, const double *value
       row[p->auxiliary.column[t]] += p->auxiliary.sign[t] * values[p->auxiliary.value[t]] * of_auxiliary;
     }
     for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k) {
-      double *of = row + p->loops.column[p->loops.near[k]];
-      G[k] = *of, *of = 0;
+      double *entry = row + p->loops.column[p->loops.near[k]];
+      G[k] = *entry, *entry = 0;
     }
     for (int k = first; k < end; ++k) row[p->loops.entry_column[k]] = 0;
     for (int k = first_auxiliary; k < last_auxiliary; ++k) {

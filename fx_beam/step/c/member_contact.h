@@ -74,7 +74,7 @@ typedef struct {
    given, also the derivatives by degrees of freedom, internal variables and all numbers. */
 typedef struct { Law **by; double sum, *of_q, *of_internal, *of_numbers; } Energy;
 
-/* What is wrong at the end of a step: nothing, points have moved further than was expected, a point has passed through
+/* Faults at the end of a step: none, points have moved further than was expected, a point has passed through
    a member, or has moved further along one than its contact point can. */
 enum { MEMBERS_FINE, MEMBERS_MOVED, MEMBERS_PASSED, MEMBERS_SLID };
 

@@ -217,7 +217,7 @@ static int place_contact_points(MemberContacts *m, const double *x, const double
   return 1;
 }
 
-/* What the law of a contact point is given in the whole step. */
+/* Sets the arguments of the law of a contact point that stay in the whole step. */
 static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, double dt) {
   const MemberContact *c = m->of + e->contact;
   double *to = e->given + 3 * c->sums, *numbers = e->given + numbers_at(c);
@@ -399,7 +399,7 @@ static void add_energy_at(const MemberContacts *m, Energy *to, int contact, int 
     to->of_numbers[c->first_number + point * c->numbers + i] += slopes[numbers_at(c) + i];
 }
 
-/* That of friction in slots; with `left` only in those that no contact point has. */
+/* Adds the energy of friction in slots; with `left` only of slots that no contact point has. */
 static void add_energy_in_slots(const MemberContacts *m, Energy *to, const double *memory, int left) {
   double slopes[CONTACT_POINT_GIVEN];
   for (int i = 0; i < m->contacts; ++i)

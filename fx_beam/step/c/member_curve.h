@@ -72,11 +72,11 @@ static NearPoint nearest_on(const Two *r, int second, int begins, int ends) {
   NearPoint near = {0};
   Piece c = piece_of(begins ? 2 * r[1] - r[2] : r[0], r[1], ends ? 2 * r[1] - r[0] : r[2]);
   Two arm = {0};
-  double *of[] = {near.weights + second, near.slopes + second, near.bends + second};
+  double *weights[] = {near.weights + second, near.slopes + second, near.bends + second};
   double low = begins ? 0 : -0.5, high = ends ? 0 : 0.5, x = nearest_place(&c, low, high);
   int inside = second ? x < high : x > low; /* also at the joint of the pieces */
-  piece_weights(x, of[0], of[1], of[2]);
-  for (int k = 0; k < 3; ++k) fold(of[k], begins, ends);
+  piece_weights(x, weights[0], weights[1], weights[2]);
+  for (int k = 0; k < 3; ++k) fold(weights[k], begins, ends);
   for (int j = 0; j < 3; ++j) arm += near.weights[second + j] * r[j];
   near.place = x + second, near.distance = sqrt(dot2(arm, arm));
   near.per_rate = inside ? 1 / rate_of_residual(&c, x) : 0;

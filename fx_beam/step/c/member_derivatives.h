@@ -7,14 +7,14 @@
 #include "newton.h"
 #include "reversals.h"
 
-/* What the law of a contact point is derived by (fem/compiled_laws.py): start, increments, internal variables, what is of
+/* Numbers by which the law of a contact point is derived (fem/compiled_laws.py): start, increments, internal variables, what is of
    places, and numbers. */
 enum { MOST_FOLLOWED = 60 };
 static inline int followed_by(const MemberContact *c) {
   return 2 * c->sums + c->internal + numbers_at(c) - places_at(c) + c->numbers;
 }
 
-/* What changes with the arcs of a member: the slip, and its slopes at the end and at the start. */
+/* Derivatives by the arcs of a member: of the slip, and of its slopes at the end and at the start. */
 static void put_arcs(Block *b, const MemberContact *c, const ContactPoint *e, int arcs, const double *by, int to) {
   double places[] = {e->piece + e->end, e->piece + e->first.place};
   for (int k = 0; k < 2; ++k) {

@@ -10,7 +10,7 @@
    those of a group begin; the factors of each group itself [group][3][3]. */
 typedef struct { float *lower, *upper; int *lower_at, *upper_at; double *own; } Narrow;
 
-/* What threads do together: with right sides b, or without for the copy. */
+/* Work that threads share: with right sides b, or without for the copy. */
 typedef struct { const SparseRows *p; const Narrow *narrow; double *b; } Narrowed;
 
 static int group_size(const SparseRows *p, int g) { return p->first[g + 1] - p->first[g]; }

@@ -164,7 +164,7 @@ static const double ENERGY_SHARE = 1e-4;
    and where it is on the whole. At most so many small ones are made for the work on all. */
 enum { STALLS = 3, MOST_STALLS = 8, SMALL = 3 };
 
-/* What comes after a correction: another one, or nothing, as it was small enough or as small as round-off. */
+/* Outcomes of a correction: another one follows, or none, as it was small enough or as small as round-off. */
 enum { GOES_ON, CONVERGED, AT_ROUND_OFF };
 
 /* Whether the last correction does at most this share of the energy of the step as work on each part, after `kinetic`; or of
@@ -335,7 +335,7 @@ static int find_elsewhere(Problem *p, const Work *w, const double *driven, int o
 /* Largest number of searches for the members that points come near in a step. */
 enum { SEARCHES_IN_STEP = 8 };
 
-/* The same with all points that come near members, which may be more than were expected. */
+/* Newton's method with all points that come near members, which may be more than were expected. */
 static int newton(Problem *p, const Work *w, const double *driven, int order) {
   for (int k = 0; k < SEARCHES_IN_STEP; ++k) {
     int failure = p->newton.find ? find_elsewhere(p, w, driven, order) : iterations_of(p, w, driven, order);

@@ -36,7 +36,7 @@ typedef int Find(double dt, int *iterations);
 /* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
 typedef struct { double last, slowest; } Sequence;
 
-/* What the corrections of a step tell of its convergence: their sizes, roots of their work, and how many were small, or no
+/* Convergence of a step, by its corrections: their sizes, roots of their work, and how many were small, or no
    smaller than those before. */
 typedef struct { Sequence sizes, errors; int small, stalled; } Convergence;
 
@@ -81,7 +81,7 @@ typedef struct {
   double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
 } ReusedFactors;
 
-/* What contact adds to an entry of the linear system: a sign times an entry of the 10 x 10 tangent of a contact point, a value of
+/* A term of contact in an entry of the linear system: a sign times an entry of the 10 x 10 tangent of a contact point, a value of
    Tv and a value of T. `row` and `column` are of unknowns, or bordering rows; `at` is the position among the factors, or -1. */
 typedef struct { short entry, sign; int contact_point, row, column, virtual_value, value, at; } ContactPair;
 
@@ -295,7 +295,7 @@ typedef struct {
    recorded or not; number of the present sub-step; why it failed. */
 typedef struct { double *scratch; int repeats, keeps_joint_forces, sub_step, failure; } Run;
 
-/* What was counted in the steps or parts since it was taken (fx_take_counts): those that were taken; iterations; solves that end at
+/* Counts of the steps or parts since the last ones (fx_take_counts): of those that were taken; iterations; solves that end at
    round-off; steps with rotations above large_turn per step; those that were refused, as dampers gave energy; those that end with
    inverted sections, and the time of the first. Of solves that end at round-off the sum of their last corrections, the largest
    motion, in units, and the largest correction with its degree of freedom. */
@@ -417,7 +417,7 @@ typedef struct { long rows; double *q, *v, *slides, *driven, *rates, *joints, *c
 
 enum { VALUES, BACKWARDS, FORWARDS };
 
-/* What Python reads of the last step (work.h): increments of nodes and columns, forces, tangent, internal forces and reduced
+/* Results of the last step, which Python reads (work.h): increments of nodes and columns, forces, tangent, internal forces and reduced
    residual; values of T and Tv, and closures. What it may set: increments of columns, dead forces,
    their means, natural strains at the end. */
 typedef struct {

@@ -53,9 +53,9 @@ static void subtract_product(const Problem *p, const Work *w, const double *x, d
 INLINED void pass_on(const Problem *p, int sides, int solutions, double *x, double *g) {
   for (int i = 0; i < p->border.bordered; ++i) {
     int row = p->border.bordered_row[i];
-    double *of = x + p->system.order[p->border.bordered_unknown[i]] * sides;
-    double *on = p->border.inside ? x + p->system.order[p->system.unknowns + row] * sides : g + row * sides;
-    memcpy(solutions ? of : on, solutions ? on : of, sides * sizeof(double));
+    double *unknown = x + p->system.order[p->border.bordered_unknown[i]] * sides;
+    double *bordering = p->border.inside ? x + p->system.order[p->system.unknowns + row] * sides : g + row * sides;
+    memcpy(solutions ? unknown : bordering, solutions ? bordering : unknown, sides * sizeof(double));
   }
 }
 

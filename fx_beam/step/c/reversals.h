@@ -4,7 +4,7 @@
 
 #include "point_forces.h"
 
-/* What a sub-step has to do with a reversal, by the place of the stretch of the spring; 0 if nothing. */
+/* Reversal with which a sub-step has to do, by the place of the stretch of the spring; 0 for none. */
 static const Reversal *reversal_at(const Derivatives *a, long step, int place) {
   if (!a->reversal || step < 0) return 0;
   for (int i = a->reversal_start[step]; i < a->reversal_start[step + 1]; ++i)

@@ -1,4 +1,4 @@
-/* What the scenes of a library have: build.py defines FEATURES, and the compiler leaves out the rest. A tangent is stored
+/* Features of the scenes of a library: build.py defines FEATURES, and the compiler leaves out the rest. A tangent is stored
    as a CHAIN, as a BAND, or else in sparse rows. */
 
 #pragma once

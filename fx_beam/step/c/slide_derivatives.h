@@ -46,7 +46,7 @@ static void put_sum(const SlideLaws *s, const Weight *w, int weights, int end, i
   }
 }
 
-/* What depends on the mean chord and on its increment. */
+/* Derivatives by the mean chord and by its increment. */
 static void put_chord(const SlideLaws *s, int to, const double *by_mean, const double *by_increment) {
   const Relation *o = &s->a->relation;
   for (int i = 0; i < 2; ++i)
@@ -62,7 +62,7 @@ static void put_weights_at(Block *b, const Problem *p, const Layout *at, int i, 
   put_weights(&s, s.a->relation.at + end, s.numbers + AT + end * WINDOW_NODES);
 }
 
-/* Its place: the columns of the node. */
+/* Derivatives of the place of a node that slides: of its columns. */
 static void put_place(Block *b, const Problem *p, const Layout *at, int i, int end) {
   SlideLaws s = laws_of(b, p, at, i);
   const Weight *w = s.a->relation.at + end;

@@ -14,7 +14,7 @@ typedef struct { int element; double factor[4], by_begin[4], by_end[4]; } Weight
    parts of which they are sums. */
 typedef struct { double of[WINDOW_NODES], by[2][WINDOW_NODES]; int parts; WeightPart part[MOST_PARTS]; } Weight;
 
-/* What the relation of a step consists of (slide_relation.h), by the names in coupling/sliders.py; numbers at the start
+/* Parts of the relation of a step (slide_relation.h), by the names in coupling/sliders.py; numbers at the start
    and at the end are next to each other. */
 typedef struct {
   Weight at[2], along[2];     /* N, and what the virtual slide multiplies: N', or (DN/Ds) at mid-step */
@@ -36,7 +36,7 @@ typedef struct {
   double by_s[LOCAL], of_s[LOCAL], square, left[PRODUCTS][LOCAL], right[PRODUCTS][LOCAL], turn[LOCAL];
 } Second;
 
-/* Its columns border the reduced tangent (bordering_rows.h). */
+/* Columns of the node, which border the reduced tangent (bordering_rows.h). */
 typedef struct {
   int joint, column, path; /* number of the joint, column of the arc length, where its path begins among numbers of paths */
   int components, carried[3], node[3]; /* columns of the node, and its degrees of freedom */

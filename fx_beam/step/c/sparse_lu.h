@@ -66,12 +66,12 @@ INLINED int finish(const SparseRows *p, double *A, int g, int size, double *cons
   }
   for (int k = p->run_start[g]; k < p->run_start[g + 1]; ++k) {
     int column = p->run_column[k], end = column + p->run_length[k];
-    Four of[3];
+    Four entries[3];
     for (; end - column >= 3; column += 3)
       for (int z = 0; z < size; ++z) {
-        of[z] = three(row[z] + column);
-        for (int x = 0; x < z; ++x) of[z] -= factor[z][x] * of[x];
-        put_three(of[z], upper[z]), upper[z] += 3;
+        entries[z] = three(row[z] + column);
+        for (int x = 0; x < z; ++x) entries[z] -= factor[z][x] * entries[x];
+        put_three(entries[z], upper[z]), upper[z] += 3;
       }
     for (; column < end; ++column)
       for (int z = 0; z < size; ++z) {
@@ -118,7 +118,7 @@ INLINED int run_of(const SparseRows *p, int h, int g, int *before) {
   return k;
 }
 
-/* The same as `eliminate_source` of a symmetric matrix, of which only columns from the group on are subtracted. */
+/* `eliminate_source` of a symmetric matrix, of which only columns from the group on are subtracted. */
 INLINED void eliminate_across(const SparseRows *p, double *A, int g, int h, int size, int many, double *const *row) {
   int before, k = run_of(p, h, g, &before), column = p->first[g];
   double f[3][3] = {{0}};
@@ -252,7 +252,7 @@ INLINED void forward(const SparseRows *p, const double *A, int g, int size, doub
   }
 }
 
-/* The same of a symmetric matrix: after the known unknowns, subtracts those of the group from the right sides behind it. */
+/* Substitution of a symmetric matrix: after the known unknowns, subtracts those of the group from the right sides behind it. */
 INLINED void forward_across(const SparseRows *p, const double *A, int g, int size, double *b) {
   int i = p->first[g];
   double scaled[3];

@@ -1,4 +1,4 @@
-/* What sub-steps were given and found, from which a run can be followed backwards (adjoint.h). */
+/* Inputs and results of sub-steps, from which a run can be followed backwards (adjoint.h). */
 
 #pragma once
 

@@ -27,7 +27,7 @@ enum { LOOKS = 1000 };
 #define PAUSE() __asm__ volatile("" ::: "memory")
 #endif
 #define LOOK_WHILE(condition) for (int k = 0; k < LOOKS && (condition); ++k) PAUSE()
-#define NOW(of) __atomic_load_n(&(of), __ATOMIC_RELAXED)
+#define NOW(number) __atomic_load_n(&(number), __ATOMIC_RELAXED)
 
 static void take_parts(int thread) {
   for (int k; (k = __atomic_fetch_add(&pool.next, 1, __ATOMIC_RELAXED)) < pool.parts;) pool.run(pool.task, k, thread);

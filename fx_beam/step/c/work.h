@@ -6,7 +6,7 @@
 #include "narrow_factors.h"
 #include "problem.h"
 
-/* Its arrays and their sizes, by numbers of `lay_out`: of degrees of freedom and of nodes; of columns; of joints, at both
+/* Arrays of Work and their sizes, by numbers of `lay_out`: of degrees of freedom and of nodes; of columns; of joints, at both
    ends and over the step; of loops, where `follows` has the closure that each of their
    columns follows, or -1, and pivot rows are sparse; by position bordering columns, and where these are `reached`, and bordering rows, with the first and
    the last position of each. */
