@@ -194,6 +194,7 @@ def _for_short_loops(joints: list[Joint], supports: list[set[int]]) -> list[Join
     """
     hinges = {id(joint) for joint in joints if joint.is_selection and not joint.turns_together}
     order, lengths, closed_by = joints, list[int](), list[set[int]]()
+    most_loops = len(joints)
     while len(lengths) < 2 or lengths[-1] == min(lengths) < lengths[-2]:
         forest, closing = _forest(order, 0, supports)
         if len(closing) < 2:
@@ -202,10 +203,9 @@ def _for_short_loops(joints: list[Joint], supports: list[set[int]]) -> list[Join
         names = [id(joint) for joint in (*(branch.joint for branch in forest), *closing)]
         lengths.append(sum(counts))
         closed_by.append({*names[len(forest) :]})
-        loops = {  # through each; other joints than hinges stay where they are
-            name: count if name in hinges else np.inf if name in closed_by[-1] else -1
-            for name, count in zip(names, counts, strict=True)
-        }
+        loops = dict(zip(names, counts, strict=True))  # through each
+        for name in loops.keys() - hinges:  # which stay where they are
+            loops[name] = most_loops if name in closed_by[-1] else -1
         order = [joints[k] for k in np.argsort([loops[id(x)] for x in joints], kind="stable")]
     best = int(np.argmin(lengths))
     if lengths[best] > _SHORTER * lengths[0]:

@@ -167,11 +167,6 @@ class Couplings:
     #: Numbers of joints that were removed, or were not there yet.
     missing: list[int]
 
-    def moving_in(self, scene: Scene) -> list[Joint]:
-        """Joints of a scene with an arm or a slide, in the order of `arm_joints`."""
-        joints = joints_by_number(scene)
-        return [joints[joint.number] for joint in self.arm_joints]
-
     @property
     def need_places(self) -> bool:
         """Whether joints close loops, or slide on beams: they are set up for their places."""
@@ -244,6 +239,12 @@ class Couplings:
         _, _, columns, numbers = self.free_columns
         slides[..., numbers] = y[..., columns]
         return slides
+
+
+def joints_with_arms(couplings: Couplings, scene: Scene) -> list[Joint]:
+    """Joints of a scene with an arm or a slide, in the order of `Couplings.arm_joints`."""
+    joints = joints_by_number(scene)
+    return [joints[joint.number] for joint in couplings.arm_joints]
 
 
 def couple(scene: Scene, mesh: Mesh) -> Couplings:

@@ -45,9 +45,8 @@ class JointMaps:
 
             values = self._values(virtual)
             dependence = self._dependence(values, virtual, auxiliaries, closed)
-            nested = not (auxiliaries and len(self._joints.auxiliaries)) and not (
-                closed and self._joints.loops
-            )
+            others = auxiliaries and len(self._joints.auxiliaries)
+            nested = not (others or (closed and self._joints.loops))
             weights = self._entries.weights(values)
             self._maps[key] = ColumnMap(weights, self._shape, *dependence, nested=nested)
         return self._maps[key]
@@ -67,8 +66,8 @@ class JointMaps:
         row, column, weights = map(np.concatenate, zip(*parts, strict=True))
         with_auxiliaries = auxiliaries and len(self._joints.auxiliaries)
         if not with_auxiliaries and starts[-1] <= _FEW:
-            of_slides = np.bincount(row * columns + column, weights, starts[-1] * columns)
-            rows: list[Any] = [of_slides.reshape(starts[-1], columns)]
+            C = np.bincount(row * columns + column, weights, starts[-1] * columns)
+            rows: list[Any] = [C.reshape(starts[-1], columns)]
         else:
             rows = [scipy.sparse.csr_matrix((weights, (row, column)), (starts[-1], columns))]
         if with_auxiliaries:

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fx_beam import c_library
+from fx_beam.c_library import Structs, array_at
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.laws.rates import UpdateRule
+from fx_beam.results.state import MACROS
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
 
-from .graph import Auxiliaries, Couplings
+from .graph import Auxiliaries, Couplings, joints_with_arms
 from .reduced_tangent import columns_of_slides
 
 if TYPE_CHECKING:
-    from .configuration import Configuration
     from .loops import Loops
-    from .sliders import Sliders
+    from .sliders import Slide, Sliders
+
+
+# What evaluates joints, and the flags of its compiler.
+_LIBRARY = "joints", "joints.c"
+_FLAGS = "-O1", c_library.WHOLE_PROGRAM
 
 
 class JointsInC:
@@ -38,14 +46,17 @@ class JointsInC:
         self.loops, self.size, self._rates = loops, size, rates
         #: Offsets and axes (2, joints, 2) of `Couplings.arm_joints`.
         self.arms = np.zeros((2, len(couplings.arm_joints), 2))
-        self.set_arms(couplings.arm_joints)
+        self._set_arms(couplings.arm_joints)
         #: Weights of both terms of gears, and their sums at rest (gears, 3).
         self.gears = np.zeros((len(couplings.gears), 3))
         #: Tables by the names in c/problem.h, without positions in the tangent.
         self.members = self._tables()
 
-    def set_arms(self, arm_joints: Sequence[Joint]) -> None:
-        """Set the joints that move, in the same order: their offsets and axes."""
+    def set_arms(self, scene: Scene) -> None:
+        """Set the offsets and axes of the joints of a scene."""
+        self._set_arms(joints_with_arms(self.couplings, scene))
+
+    def _set_arms(self, arm_joints: Sequence[Joint]) -> None:
         offset, axis = self.arms
         for m, joint in enumerate(arm_joints):
             offset[m], axis[m] = joint.offset, (0.0, 0.0) if joint.axis is None else joint.axis
@@ -102,8 +113,6 @@ class JointsInC:
     @cached_property
     def configuration(self) -> Configuration:
         """Joints in C."""
-        from .configuration import Configuration
-
         slides = self.sliders.all if self.sliders else []
         sliders = {"count": len(slides), "slider": [slide.members() for slide in slides]}
         scheme = {"level": self._rates.level, **self._rates.constants}
@@ -128,3 +137,63 @@ def numbers_of_gears(scene: Scene) -> list[list[Any]]:
     """Weights and sum at rest of each gear that is a relation, with slopes."""
     ideal = [gear for gear in scene.gears if gear.is_ideal]
     return [[*(term.weight for term in gear.terms), gear.rest] for gear in ideal]
+
+
+def begin_to_build_joints() -> None:
+    """Compile what evaluates joints beside all else, if the cache lacks it."""
+    c_library.begin_to_build(*_LIBRARY, MACROS, _FLAGS)
+
+
+class Configuration:
+    """Joints at one configuration, in C: increments in a step, and the values of T and Tv.
+
+    `members` are named as in ``Problem`` of c/problem.h.
+    """
+
+    def __init__(self, members: dict[str, Any], joints: int, slides: Sequence[Slide]):
+        ffi, self._library = c_library.open_library(*_LIBRARY, "problem.h", MACROS, (), _FLAGS)
+        self._structs, self._slides = Structs(ffi), slides
+        self._c, self._ffi = ffi.new("Problem *"), ffi
+        size, columns = members["dofs"], members["columns"] + members["auxiliary"]["count"]
+        self._state = np.zeros(size), np.zeros(joints)
+        state = dict(zip(("q", "slides"), self._state, strict=True))
+        self._structs.set(self._c, **members, points=[{}], state=state)
+        scratch = np.zeros(self._library.fx_scratch(self._c))
+        self._structs.set(self._c, run={"scratch": scratch})
+        results, array = self._library.fx_results(self._c), functools.partial(array_at, ffi)
+        values = 1 + 4 * members["joints"]["count"] + members["gears"].get("count", 0)
+        closures = members["loops"].get("closures", 0)
+        #: Increments of nodes and columns; the values of T and Tv; closures.
+        self.D, self.z = array(results.D, size), array(results.z, columns)
+        self.values = array(results.values, values), array(results.virtual_map, values)
+        self.closure = array(results.closure, closures)
+        self.following = array(self._c.loops.following, closures)
+
+    def begin(self, q: np.ndarray, slides: np.ndarray) -> bool:
+        """Set the start: displacements and rotations, and slides; False in a singular position."""
+        self._state[0][:], self._state[1][:] = q, slides
+        return bool(self._library.fx_begin_joints(self._c))
+
+    def expand(self, y: np.ndarray, driven: np.ndarray, close: bool) -> bool:
+        """Find D for increments of unknowns and driven columns; False if loops do not close.
+
+        With `close` the unknowns that close loops are corrected in y.
+        """
+        free = len(y)
+        self.z[:free], self.z[free : free + len(driven)] = y, driven
+        closed = bool(self._library.fx_expand(self._c, close))
+        y[:] = self.z[:free]
+        return closed
+
+    def relations(self, virtual: bool) -> Iterator[tuple[np.ndarray, int]]:
+        """For each node on a beam the columns of T, or Tv, and where its window begins."""
+        for i, slide in enumerate(self._slides):
+            c = self._c.sliders.slider[i]
+            rows = np.frombuffer(self._ffi.buffer(c.virtual_map if virtual else c.T)).reshape(3, -1)
+            width, components = slide.path.width, len(slide.columns)
+            yield rows[:components, [*range(components * width), -1]], c.first
+
+    @property
+    def arcs(self) -> list[tuple[float, float]]:
+        """Arc lengths of nodes on beams at both ends of the step [m]."""
+        return [(c.s0, c.s1) for c in (self._c.sliders.slider[i] for i in range(len(self._slides)))]

@@ -44,7 +44,7 @@ def mobility(
     """
     scene, couplings, size = data.scene, reduction.couplings, mesh.dofs.size
     arms = reduction.joints.arms.copy()
-    reduction.joints.set_arms(couplings.moving_in(scene))
+    reduction.joints.set_arms(scene)
     reduction.begin(np.zeros(size), slides_at_start(scene))
     closed = not reduction.singularity
     # Operations on small arrays are quick, those on sparse ones take 0.1 ms.

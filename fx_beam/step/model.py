@@ -11,6 +11,7 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.coupling.graph import Auxiliaries, couple, motors
+from fx_beam.coupling.joints_in_c import begin_to_build_joints
 from fx_beam.coupling.reduction import Reduction
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
@@ -57,8 +58,6 @@ class Model:
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
         if not all(joint.is_selection for joint in scene.joints):
-            from fx_beam.coupling.configuration import begin_to_build_joints
-
             begin_to_build_joints()
         X = self.mesh.positions_of(scene)
         form_numbers = form_data(scene, self.mesh, X, scheme.rates)
@@ -133,7 +132,7 @@ class Model:
         if elsewhere:
             self.units = Units(self.mesh, self.couplings)
         if self.couplings.arm_joints:
-            self.reduction.joints.set_arms(self.couplings.moving_in(data.scene))
+            self.reduction.joints.set_arms(data.scene)
         if self.couplings.gears:
             self.reduction.joints.set_gears(data.scene)
         self.forms.bind(data.forms)

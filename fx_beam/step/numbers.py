@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.coupling.graph import motors
+from fx_beam.coupling.graph import joints_with_arms, motors
 from fx_beam.coupling.joints_in_c import numbers_of_gears
 from fx_beam.dual import dual_array, floats
 from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
@@ -61,7 +61,7 @@ def numbers_of(model: Model, data: Data) -> dict[str, Any]:
     numbers = {"X": data.X, "columns": data.loads.entries} | data.forms.numbers | data.masses
     if data.natural:
         numbers["natural columns"] = data.natural.entries
-    if moving := couplings.moving_in(scene):
+    if moving := joints_with_arms(couplings, scene):
         axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
         numbers["offset"] = dual_array([joint.offset for joint in moving]).reshape(-1, 2)
         numbers["axis"] = dual_array(axes).reshape(-1, 2)

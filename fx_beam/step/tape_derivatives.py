@@ -9,6 +9,7 @@ import numpy as np
 
 from fx_beam.c_library import Structs
 from fx_beam.content_cache import cached_property
+from fx_beam.coupling.graph import joints_with_arms
 from fx_beam.dual import nonzero_rows
 from fx_beam.errors import SceneError, any_of
 from fx_beam.fem.frictions import bristles_of
@@ -323,7 +324,7 @@ class TapeDerivatives:
         if self._data is not (model := self.problem.model).data:
             self._data = model.data
             self._slide_at_rest[:-1] = [
-                joint.start()[0] for joint in model.couplings.moving_in(model.scene)
+                joint.start()[0] for joint in joints_with_arms(model.couplings, model.scene)
             ]
         if self._has_places == has_places:
             return
