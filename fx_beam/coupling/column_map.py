@@ -103,14 +103,11 @@ class ColumnMap:
         return scipy.sparse.csr_matrix(entries, (self.shape[1],) * 2)
 
     @cached_property
-    def _A(self) -> scipy.sparse.csr_matrix:
-        row, column, values = self._weights
-        return scipy.sparse.csr_matrix((values, (row, column)), self.shape)
-
-    @cached_property
     def matrix(self) -> scipy.sparse.csr_matrix:
         """The matrix from z to x."""
-        return self._A @ self.dependence_matrix if len(self._dependent) else self._A
+        row, column, values = self._weights
+        A = scipy.sparse.csr_matrix((values, (row, column)), self.shape)
+        return A @ self.dependence_matrix if len(self._dependent) else A
 
     @property
     def array(self) -> np.ndarray:

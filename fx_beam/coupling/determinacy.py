@@ -192,7 +192,7 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
                 weights.append(weight / (1.0 if gear.column else mesh.size))
     table, rows_of = np.array(together).reshape(-1, 6), np.array(row_of, dtype=int)
     pairs, along, arm = table[:, :2].astype(int), table[:, 2:4], table[:, 4:] / mesh.size
-    turned, of_turns = np.array(turning, dtype=int).reshape(-1, 2), np.array(turn_of, dtype=int)
+    turned, turn_rows = np.array(turning, dtype=int).reshape(-1, 2), np.array(turn_of, dtype=int)
     entries = []
     for end, sign in ((0, -1.0), (1, 1.0)):
         row = np.flatnonzero(pairs[:, end] >= 0)
@@ -204,7 +204,7 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
         entries.append((row, 3 * part + 2, direction[:, 1] * x - direction[:, 0] * y))
         row = np.flatnonzero(turned[:, end] >= 0)
         part = parts.part_of_node[turned[row, end]]
-        entries.append((of_turns[row], 3 * part + 2, sign * np.array(weights)[row]))
+        entries.append((turn_rows[row], 3 * part + 2, sign * np.array(weights)[row]))
     i, j, values = map(np.concatenate, zip(*entries, strict=True))
     shape, free = (len(pairs) + len(turned), parts.free.size), parts.free.ravel()
     if free.sum() > _FEW:
@@ -396,20 +396,20 @@ def _rank_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> in
 def _self_stress(scene: Scene, couplings: Couplings, loops: Loops, left: np.ndarray) -> np.ndarray:
     """Forces (joints, 3, n) of the joints that no load causes, for closing forces (n, closures)."""
     n = len(scene.nodes)
-    forces, on_nodes = (np.zeros((count, 3, len(left))) for count in (scene.joint_count, n + 1))
+    forces, node_forces = (np.zeros((count, 3, len(left))) for count in (scene.joint_count, n + 1))
     for force, closure in zip(left.T, loops.closures, strict=True):
         joint, i = closure.joint, closure.component
         forces[joint.number, i] += force
         if not isinstance(joint, Joint):
             continue
-        on_nodes[joint.b.number, i] -= force
-        on_nodes[joint.a.number, i] += force  # the last row is the ground
+        node_forces[joint.b.number, i] -= force
+        node_forces[joint.a.number, i] += force  # the last row is the ground
     for i in (0, 1):
         for branch in reversed(couplings.forests[i]):
-            forces[branch.joint.number, i] += branch.sign * on_nodes[branch.node, i]
-            on_nodes[branch.parent, i] += on_nodes[branch.node, i]
+            forces[branch.joint.number, i] += branch.sign * node_forces[branch.node, i]
+            node_forces[branch.parent, i] += node_forces[branch.node, i]
     for joint in couplings.sliding:
-        forces[joint.number] += on_nodes[joint.b.number]
+        forces[joint.number] += node_forces[joint.b.number]
     return forces
 
 

@@ -43,15 +43,17 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     sliding = sliding_joints(scene.joints)
     _check_sliding_nodes(sliding, supports)
     carried = [key for joint in sliding for key in joint.carried]
-    on_beams = [{node for _, node, part in carried if part == i} for i in range(3)]
-    supports = [supported | on_beam for supported, on_beam in zip(supports, on_beams, strict=True)]
+    beam_nodes = [{node for _, node, part in carried if part == i} for i in range(3)]
+    supports = [
+        supported | meets_beam for supported, meets_beam in zip(supports, beam_nodes, strict=True)
+    ]
     joints = [joint for joint in scene.joints if joint not in sliding]
     turning = [joint for joint in joints if joint.turns_together]
     joints = _for_short_loops(joints, supports)
     grown = [_forest(members, i, supports) for i, members in enumerate((joints, joints, turning))]
     for i, (forest, closing) in enumerate(grown):
         if closing:
-            _check_loops(scene, _Ways(forest, closing), i, on_beams[i])
+            _check_loops(scene, _Ways(forest, closing), i, beam_nodes[i])
     forests, closed = zip(*grown, strict=True)
     return list(forests), list(closed)
 
@@ -155,7 +157,7 @@ class _Ways:
         return way
 
 
-def _check_loops(scene: Scene, ways: _Ways, component: int, on_beams: set[int]) -> None:
+def _check_loops(scene: Scene, ways: _Ways, component: int, beam_nodes: set[int]) -> None:
     """Refuse loops that over-constrain: those without an arm or a node on a beam."""
     turning = component == 2
     rigid = ways.sums(np.array([not branch.joint.is_selection for branch in ways.forest]))
@@ -168,8 +170,8 @@ def _check_loops(scene: Scene, ways: _Ways, component: int, on_beams: set[int]) 
         way_a, way_b = ways.up(a, top), ways.up(b, top)
         first = way_a[-1].parent if way_a else joint.a.number
         last = way_b[-1].parent if way_b else joint.b.number
-        on_beam = first != last and not on_beams.isdisjoint({first, last})
-        if on_beam and not (turning and joint.rotation is not None):
+        meets_beam = first != last and not beam_nodes.isdisjoint({first, last})
+        if meets_beam and not (turning and joint.rotation is not None):
             continue
         up_a, up_b = [x.joint for x in way_a], [x.joint for x in way_b]
         loop, kind = [*up_b, *reversed(up_a), joint], _COMPONENTS[component]

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.fem.sparsity import connected_parts, starts_of
@@ -166,6 +165,14 @@ class Couplings:
     gears: list[Gear]
     #: Numbers of joints that were removed, or were not there yet.
     missing: list[int]
+    #: Entries of all degrees of freedom.
+    all_entries: Entries
+    #: Free columns and their degrees of freedom, free columns and their slides (by joint).
+    free_columns: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    #: Row of the forces on each column in the linear system, and unknown; -1 for none. Order: free
+    #: columns, then two for each auxiliary unknown (row of its equation: displacement; row of its
+    #: balance: force). Nodes that slide on beams are behind all unknowns.
+    system: tuple[np.ndarray, np.ndarray]
 
     @property
     def need_places(self) -> bool:
@@ -182,23 +189,6 @@ class Couplings:
         """Number of columns that do not depend on others."""
         return self.columns - sum(map(len, self.carried.values()))
 
-    @cached_property
-    def system(self) -> tuple[np.ndarray, np.ndarray]:
-        """Row of the forces on each column in the linear system, and unknown; -1 for none.
-
-        Order: free columns, then two for each auxiliary unknown (row of its equation: displacement;
-        row of its balance: force). Nodes that slide on beams are behind all unknowns.
-        """
-        columns, auxiliaries = self.columns, len(self.auxiliaries)
-        unknowns = np.full(columns + auxiliaries, -1)
-        unknowns[: self.free] = np.arange(self.free)
-        unknowns[columns:] = self.free + 2 * np.arange(auxiliaries)
-        sliding = slice(self.independent, columns)
-        unknowns[sliding] = self.unknown_count + np.arange(columns - self.independent)
-        rows = unknowns.copy()
-        rows[columns:] += 1
-        return rows, unknowns
-
     @property
     def unknown_count(self) -> int:
         """Number of free columns, two for each auxiliary unknown, and forces of closures."""
@@ -207,24 +197,6 @@ class Couplings:
     def entries(self, dof: int) -> list[Entry]:
         """Entries of a degree of freedom."""
         return self.sums.get(dof) or [(int(self.column[dof]), 0, 1.0)]
-
-    @cached_property
-    def all_entries(self) -> Entries:
-        """Entries of all degrees of freedom."""
-        alone, summed = np.flatnonzero(self.column >= 0), Entries.of(self.sums.items())
-        none = np.zeros(len(alone), dtype=int)
-        single = alone, self.column[alone], none, 1.0 + none
-        arrays = (np.concatenate(parts) for parts in zip(single, summed, strict=True))
-        entries = Entries(*arrays)
-        return entries.take(np.argsort(entries.row, kind="stable"))
-
-    @cached_property
-    def free_columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Free columns and their degrees of freedom, free columns and their slides (by joint)."""
-        dofs = np.flatnonzero((self.column >= 0) & (self.column < self.free))
-        slides = np.array([pair for pair in self.slides.items() if pair[1] < self.free], int)
-        number, slide_columns = slides.reshape(-1, 2).T
-        return self.column[dofs], dofs, slide_columns, number
 
     def unknowns(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Unknowns (..., free) from increments (..., size) and slides (..., joints)."""
@@ -288,8 +260,45 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         closures=closures,
         gears=gears,
         missing=missing_joints(scene),
+        all_entries=_all_entries(column, summed),
+        free_columns=_free_columns(column, columns),
+        system=_system(columns, len(sums.auxiliaries), len(closures)),
     )
-    return replace(couplings, sliding=_sliding_in_order(scene, mesh, couplings))
+    if couplings.sliding:
+        return replace(couplings, sliding=_sliding_in_order(scene, mesh, couplings))
+    return couplings
+
+
+def _all_entries(column: np.ndarray, sums: dict[int, list[Entry]]) -> Entries:
+    """`Couplings.all_entries` of columns (size,) and sums."""
+    alone, summed = np.flatnonzero(column >= 0), Entries.of(sums.items())
+    none = np.zeros(len(alone), dtype=int)
+    single = alone, column[alone], none, 1.0 + none
+    entries = Entries(*map(np.append, single, summed))
+    return entries.take(np.argsort(entries.row, kind="stable"))
+
+
+def _free_columns(
+    column: np.ndarray, columns: _Columns
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """`Couplings.free_columns` of columns (size,)."""
+    dofs = np.flatnonzero((column >= 0) & (column < columns.free))
+    slides = np.array([pair for pair in columns.slides.items() if pair[1] < columns.free], int)
+    number, slide_columns = slides.reshape(-1, 2).T
+    return column[dofs], dofs, slide_columns, number
+
+
+def _system(columns: _Columns, auxiliaries: int, closures: int) -> tuple[np.ndarray, np.ndarray]:
+    """`Couplings.system` for so many auxiliary unknowns and closures."""
+    unknowns, free = np.full(columns.count + auxiliaries, -1), columns.free
+    unknowns[:free] = np.arange(free)
+    unknowns[columns.count :] = free + 2 * np.arange(auxiliaries)
+    carried = sum(map(len, columns.carried.values()))
+    behind = free + 2 * auxiliaries + closures
+    unknowns[columns.count - carried : columns.count] = behind + np.arange(carried)
+    rows = unknowns.copy()
+    rows[columns.count :] += 1
+    return rows, unknowns
 
 
 def _sliding_in_order(scene: Scene, mesh: Mesh, couplings: Couplings) -> list[SlidingJoint]:
@@ -301,8 +310,8 @@ def _sliding_in_order(scene: Scene, mesh: Mesh, couplings: Couplings) -> list[Sl
         dofs = mesh.dofs[mesh.nodes_of(scene, beam)].ravel().tolist()
         return {owner[c] for dof in dofs for c, _, _ in couplings.entries(dof) if c in owner}
 
-    of_beams = {id(joint.beam): joint.beam for joint in joints.values()}
-    needed = {key: owners(beam) for key, beam in of_beams.items()}
+    beams_by_id = {id(joint.beam): joint.beam for joint in joints.values()}
+    needed = {key: owners(beam) for key, beam in beams_by_id.items()}
     needs = {number: needed[id(joint.beam)] for number, joint in joints.items()}
     try:
         return [joints[number] for number in TopologicalSorter(needs).static_order()]
@@ -486,7 +495,9 @@ class Auxiliaries:
         rows = np.concatenate([auxiliary, row_of[moving.column], numbers, numbers + 1])
         columns = np.concatenate([needed, auxiliary + 1, numbers, numbers + 1])
         #: What auxiliary unknowns add to the linear system: equations, forces, diagonals.
-        self.in_system = SystemEntries(rows, columns, moving._replace(sign=-moving.sign).factors)
+        self.system_entries = SystemEntries(
+            rows, columns, moving._replace(sign=-moving.sign).factors
+        )
         #: Unknowns (2, m) in the linear system: the auxiliary, and the one on which it depends;
         #: None without any.
         self.dependent: np.ndarray | None = None

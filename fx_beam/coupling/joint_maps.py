@@ -64,13 +64,13 @@ class JointMaps:
             row, column, weights = slide.equations(relation, first, values)
             parts.append((first_row + row, column, weights))
         row, column, weights = map(np.concatenate, zip(*parts, strict=True))
-        with_auxiliaries = auxiliaries and len(self._joints.auxiliaries)
-        if not with_auxiliaries and starts[-1] <= _FEW:
+        has_auxiliaries = auxiliaries and len(self._joints.auxiliaries)
+        if not has_auxiliaries and starts[-1] <= _FEW:
             C = np.bincount(row * columns + column, weights, starts[-1] * columns)
             rows: list[Any] = [C.reshape(starts[-1], columns)]
         else:
             rows = [scipy.sparse.csr_matrix((weights, (row, column)), (starts[-1], columns))]
-        if with_auxiliaries:
+        if has_auxiliaries:
             rows.insert(0, self._joints.auxiliaries.equations(values))
             dependent.insert(0, np.arange(self._columns, columns))
         if closed and self._joints.loops is not None:

@@ -71,10 +71,10 @@ class Loops:
         rows = np.append(force, row_of[moving.column])
         columns = np.append(unknown_of[moving.column], force)
         #: What closures add to the linear system.
-        self.in_system = SystemEntries(rows, columns, moving.factors)
+        self.system_entries = SystemEntries(rows, columns, moving.factors)
         column = self._entries.column
-        on_beam = (column >= couplings.independent) & (column < couplings.columns)
-        self._carried = np.unique(self._entries.row[on_beam])
+        is_carried = (column >= couplings.independent) & (column < couplings.columns)
+        self._carried = np.unique(self._entries.row[is_carried])
         #: Forces of loops with nodes on beams, which border the compiled loop's tangent.
         self.bordering = couplings.unknown_count - len(self) + self._carried
         #: What makes lengths of closures: some are angles.

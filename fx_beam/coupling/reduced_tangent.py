@@ -88,9 +88,9 @@ def reduced_tangent(
     entries, moves = couplings.all_entries, unknown_of[couplings.all_entries.column] >= 0
     source, i, j = _products(entries.row, moves, used, matrix.indptr, matrix.indices)
     left, right, full_count = entries.take(i), entries.take(j), len(source)
-    added, forces = [auxiliaries.in_system], np.empty(0, dtype=int)
+    added, forces = [auxiliaries.system_entries], np.empty(0, dtype=int)
     if loops is not None:
-        added, forces = [loops.in_system, *added], loops.bordering
+        added, forces = [loops.system_entries, *added], loops.bordering
         halves = zip((left, right), loops.stiffened(), strict=True)
         left, right = (Entries(*map(np.append, *sides)) for sides in halves)
     source = np.append(source, np.full(len(left.row) - full_count, matrix.nnz + 1))

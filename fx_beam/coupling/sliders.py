@@ -27,7 +27,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import Mesh
 from fx_beam.fem.sparsity import Pattern, sparsity, starts_of
 from fx_beam.scene.scene import Scene
@@ -178,17 +177,17 @@ class Sliders:
         self._given, position = np.unique(rows * self._size + columns, return_inverse=True)
         #: Number of entries before the elimination.
         self.entries_before = len(self._given)
+        #: The tangent of the compiled loop, in which what slides borders the other unknowns.
+        self.bordered = self._bordered()
         return position
 
-    @cached_property
-    def bordered(self) -> Bordered:
-        """The tangent of the compiled loop, in which what slides borders the other unknowns."""
+    def _bordered(self) -> Bordered:
         n, rows, columns = self._unknowns, *np.divmod(self._given, self._size)
         slides = np.append(self.outside[self.outside < self._couplings.free], self.forces)
         borders = np.zeros(self._size, dtype=bool)
         borders[n:] = borders[slides] = True
-        on_bordering = borders[rows] | borders[columns]
-        inner, border = np.flatnonzero(~on_bordering), np.flatnonzero(on_bordering)
+        is_bordering = borders[rows] | borders[columns]
+        inner, border = np.flatnonzero(~is_bordering), np.flatnonzero(is_bordering)
         # What slides is an unknown of the other equations that is zero there.
         all_rows, all_columns = (np.append(part[inner], slides) for part in (rows, columns))
         pattern, position = sparsity(all_rows, all_columns, n)
@@ -197,8 +196,8 @@ class Sliders:
         column_of[self.forces] = len(self._couplings.system[0]) + np.arange(len(self.forces))
         for index in self._couplings.system:
             column_of[index[index >= 0]] = np.flatnonzero(index >= 0)
-        beside_columns = column_of[rows[border]], column_of[columns[border]]
-        return Bordered(pattern, inner, positions, diagonal, border, *beside_columns)
+        border_columns = column_of[rows[border]], column_of[columns[border]]
+        return Bordered(pattern, inner, positions, diagonal, border, *border_columns)
 
     def diagonals(self, slide: Slide) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns (nodes, 3) that degrees of freedom of a beam equal, or -1.
@@ -216,8 +215,8 @@ class Sliders:
         ways = [np.inf]
         for slide in self.all:
             if z[slide.column]:
-                to_ends = abs(slide.path.s[1:-1] - slides[slide.joint.number])
-                ways.append(to_ends.min(initial=np.inf) / abs(z[slide.column]))
+                gaps = abs(slide.path.s[1:-1] - slides[slide.joint.number])
+                ways.append(gaps.min(initial=np.inf) / abs(z[slide.column]))
         return min(ways)
 
     def fault(self, arcs: Sequence[tuple[float, float]]) -> tuple[str, str] | None:

@@ -180,12 +180,12 @@ class HarmonicResponse(OfParameters):
         _, observed = self._parameters.besides
         self._load_changes: np.ndarray | None = None
         self._measured = ObservedMotion(about, observed, f"{_WHAT}: at")
-        sides = np.array([about.on_unknowns(self._force), *self._measured.rows]).T
+        sides = np.array([about.unknown_forces(self._force), *self._measured.rows]).T
         self._vibrations = _Vibrations(Vibration(about, _WHAT), sides, self._base is not None)
         solved = [self._vibrations.solved(f) for f in self._f]
         motions, adjoints = map(np.array, zip(*solved, strict=True))
         self._solutions = self._f, motions, adjoints
-        amplitudes = motions @ self._measured.rows.T + self._measured.of_nodes @ self._moved
+        amplitudes = motions @ self._measured.rows.T + self._measured.node_rows @ self._moved
         self.response = FrequencyResponse(observed, self._f, self._measured.names, amplitudes)
         self._parameters.x = values
         return amplitudes.copy()
@@ -267,7 +267,7 @@ class HarmonicResponse(OfParameters):
         i = names.index(component)
         vibrations = self._vibrations
         row, order = self._measured.rows[i], np.argsort(self._f)
-        base_part = self._measured.of_nodes[i] @ self._moved
+        base_part = self._measured.node_rows[i] @ self._moved
         size, f = abs(self.response.values[order, i]), self._f[order]
 
         def minus_amplitude(frequency: float) -> float:
@@ -309,7 +309,7 @@ class HarmonicResponse(OfParameters):
         At frequencies (k,), with motions (k, free) and adjoint ones (k, c, free).
         """
         frequencies, motions, adjoints = solutions
-        left, node_weights = weights @ adjoints, weights @ self._measured.of_nodes
+        left, node_weights = weights @ adjoints, weights @ self._measured.node_rows
         owner, w = np.arange(len(left)).repeat(left.shape[1]), 2 * np.pi * frequencies
         factors = -1.0, -1j * w[owner], w[owner] ** 2, 1 / np.where(w > 0, w, 1.0)
         node_weights = np.broadcast_to(node_weights, (*left.shape[:2], node_weights.shape[2]))

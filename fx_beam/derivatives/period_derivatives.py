@@ -12,7 +12,7 @@ from fx_beam.dual import floats
 from fx_beam.equilibria.statics import path_of
 from fx_beam.errors import SceneError, is_whole, require
 from fx_beam.motions.numbers import OF_STEPS
-from fx_beam.orbits.closing import NO_SHIFT, ROUND_OFF, ROUNDING, turning_point
+from fx_beam.orbits.closing import NO_SHIFT, ROUND_OFF, least_squares, turning_point
 from fx_beam.orbits.periodic_family import without_trivial
 from fx_beam.orbits.shooting import Period, Shooting
 from fx_beam.orbits.variables import Directions, slope
@@ -110,8 +110,8 @@ class PeriodDerivatives:
                 f"{WHAT}: the motion is one of a family of the same scene, and nothing chooses "
                 "it. Give periodic the energy or the amplitude"
             )
-        least = functools.partial(scipy.linalg.lstsq, matrix, cond=ROUNDING, lapack_driver="gelsy")
-        solved = ImplicitFunction(lambda rows: least(rows.T)[0].T, lambda: sides.T).jvp()
+        solve = functools.partial(least_squares, matrix)
+        solved = ImplicitFunction(lambda rows: solve(rows.T).T, lambda: sides.T).jvp()
         self.lay()
         self._start = solved[:, :n]
         if parameter_count:

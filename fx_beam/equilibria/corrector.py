@@ -45,15 +45,15 @@ class Corrector:
         iterations, ended_by = newton(self._correct, options.tolerance, options.max_iterations)
         if not ended_by:
             raise self._failures.unconverged(self._D, self._sizes)
-        r, per_load, dy, dload = self._last
-        r = r + self._path.loop.equations.change(self._path.spread(dy, 0.0)) + dload * per_load
+        r, load_slopes, dy, dload = self._last
+        r = r + self._path.loop.equations.change(self._path.spread(dy, 0.0)) + dload * load_slopes
         self._failures.check_places(self._D, self._sizes)
         return StepSolution(self._D, self._y, r, iterations, ended_by, predicted)
 
     def _correct(self) -> tuple[float, bool]:
         """Size of a correction (dy, dl), and whether it may be round-off."""
         path, failures, normal = self._path, self._failures, self._normal
-        (D, f, r, residual), per_load, column = path.balance(self._y, self._load)
+        (D, f, r, residual), load_slopes, column = path.balance(self._y, self._load)
         residual = residual[: len(self._y)]
         missing = path.along(normal, D, self._load) - self._distance
         dy, dload = path.solve(column, normal, -residual, -missing)
@@ -63,7 +63,7 @@ class Corrector:
         failures.check_finite(size, self._sizes)
         self._sizes.append(size)
         #: Forces (size,) at nodes before the correction, with their derivatives by the load factor.
-        self._last = r, per_load, dy, dload
+        self._last = r, load_slopes, dy, dload
         self._y, self._load = self._y + factor * dy, self._load + factor * dload
         self._D = path.expand(self._y, self._load)
         failures.check_turn(self._D, self._sizes)

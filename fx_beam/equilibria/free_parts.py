@@ -110,11 +110,11 @@ def held_for_nothing(model: Model, q: np.ndarray, K: Extended, none: float) -> n
         return np.empty(0, int)
     reduction, unit = model.reduction, model.units.nodes
     rigid = scipy.linalg.orth(rigid)
-    on_unknowns = [reduction.maps.transpose_to_nodes(r / unit) for r in rigid.T]
-    sides = np.array(on_unknowns)[:, reduction.independent].T
+    unknown_forces = [reduction.maps.transpose_to_nodes(r / unit) for r in rigid.T]
+    sides = np.array(unknown_forces)[:, reduction.independent].T
     moved = K.weighted(scipy.sparse.diags(unit**-2.0), reduction).solve(sides)
-    at_nodes = np.array([reduction.maps.motion(x) / unit for x in moved.T]).T
-    _, apart, parts = np.linalg.svd(at_nodes - rigid, full_matrices=False)
+    node_motions = np.array([reduction.maps.motion(x) / unit for x in moved.T]).T
+    _, apart, parts = np.linalg.svd(node_motions - rigid, full_matrices=False)
     together = parts[apart <= _ROUNDING**0.5].T  # joints leave them as well
     k = together.T @ moved.T @ (K @ (moved @ together))
     stiffness, parts = np.linalg.eigh((k + k.T) / 2)

@@ -99,18 +99,18 @@ class PathEquations:
             or (model.scene.joints and forcing.goal.any())
         ):
             # Driven motion rotates the joints, and with them the directions of their forces.
-            per_load, column = self._differences(y, load, _APART)
+            load_slopes, column = self._differences(y, load, _APART)
             balance = self._evaluate(y, load)
         else:
             balance = self._evaluate(y, load)
             moved = self.spread(np.zeros_like(y), 1.0)
-            per_load = self.loop.equations.change(moved) - forcing.rise
+            load_slopes = self.loop.equations.change(moved) - forcing.rise
             if forcing.turning is not None:
-                per_load -= forcing.turning.force(self._start.q + balance.D)
-            column = reduction.maps.reduced_force(per_load)
-            column -= reduction.maps.reduced_force(np.zeros_like(per_load))
+                load_slopes -= forcing.turning.force(self._start.q + balance.D)
+            column = reduction.maps.reduced_force(load_slopes)
+            column -= reduction.maps.reduced_force(np.zeros_like(load_slopes))
         balance.residual[: len(y)] -= (1 - self._start.t - load) * self.held
-        return balance, per_load, column[: reduction.free] + self.held
+        return balance, load_slopes, column[: reduction.free] + self.held
 
     def _differences(self, y: np.ndarray, load: float, apart: float) -> list[np.ndarray]:
         """Derivatives by l of forces (size,) and of the residual, from values at l +- apart."""

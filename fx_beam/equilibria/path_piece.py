@@ -173,19 +173,19 @@ def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
             return [(low, high)]
 
     # A row may lie at a point.
-    near_end = _PLACE * _APART * length
+    end_distance = _PLACE * _APART * length
     if (count := sum(growing(low))) != before:
         if piece.kinked:
             few, many = sorted((before, count))
             brackets.append(Bracket(low, high, 0.0, few, many))
         else:  # and another one just before it
-            near = low - near_end
+            near = low - end_distance
             low = near if sum(growing(near)) == before else low - _BESIDE_STEP * length
     if abs((ahead := sum(growing(high))) - before) > abs(after - before):
-        high -= near_end  # a limit point at its end is one of the next step
+        high -= end_distance  # a limit point at its end is one of the next step
     elif ahead != after and not piece.kinked:
         high += _BESIDE_STEP * length
-    places = intervals(low, high, near_end)
+    places = intervals(low, high, end_distance)
     for place in places:
         gaps = [max(place[0] - b, a - place[1]) for a, b in places]
         apart = _OF_GAP * min([gap for gap in gaps if gap > SAME * length], default=length)

@@ -51,7 +51,7 @@ class SmallLoads:
         if not (sum(model.points.switch_counts) or model.points.members):
             return largest
         path, members = self._stepper.path, model.points.members
-        at_start, touched = np.sign(model.kinks.switches(start)), members and members.touched
+        start_signs, touched = np.sign(model.kinks.switches(start)), members and members.touched
         path.begin(start)
 
         def switched(load: float) -> bool:
@@ -59,7 +59,7 @@ class SmallLoads:
             slides = start.slides + model.couplings.free_slides(y, len(start.slides))
             values = model.forms.compiled_points.switches(start.q + path.expand(y, load), slides)
             return (
-                bool((np.sign(values) != at_start).any())
+                bool((np.sign(values) != start_signs).any())
                 or (members and members.touched) != touched
             )
 

@@ -31,8 +31,8 @@ class StaticOptions(CommonOptions):
 
     def __post_init__(self):
         super().__post_init__()
-        by_arc = is_one_of(self.continuation, ("arc-length",))
-        self._require("continuation", self.continuation is None or by_arc, '"arc-length" or None')
+        is_arc = is_one_of(self.continuation, ("arc-length",))
+        self._require("continuation", self.continuation is None or is_arc, '"arc-length" or None')
         stops = self.continuation is not None and is_one_of(self.stop_at, ("limit point",))
         expected = '"limit point", with continuation="arc-length", or None'
         self._require("stop_at", self.stop_at is None or stops, expected)

@@ -143,9 +143,9 @@ def frequency_response(
     vibration = Vibration(about, caller, modal)
     values = np.zeros((len(f), len(measured.names)), complex)
     for row, frequency in zip(values, f, strict=True):
-        forces = about.on_unknowns(force + (2 * np.pi * frequency) ** 2 * shaking)
+        forces = about.unknown_forces(force + (2 * np.pi * frequency) ** 2 * shaking)
         motion = vibration.at(frequency).solved(forces)
-        row[:] = measured.rows @ motion + measured.of_nodes @ moved
+        row[:] = measured.rows @ motion + measured.node_rows @ moved
     return FrequencyResponse(at, f, measured.names, values)
 
 
@@ -239,8 +239,8 @@ class Vibration:
 def checked_frequencies(frequencies, name: str) -> np.ndarray:
     """Frequencies (n,) [Hz]; SceneError for others."""
     f = real_array(frequencies)
-    in_range = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
-    require(bool(in_range), name, frequencies, "a list of numbers [Hz], zero or positive")
+    is_valid = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
+    require(bool(is_valid), name, frequencies, "a list of numbers [Hz], zero or positive")
     return f
 
 
@@ -255,7 +255,7 @@ def nodal_load(about: Linearisation, load, name: str) -> np.ndarray:
     require(len(parts) in (2, 3), f"{name} on {node}", components, expected)
     full = np.zeros(about.model.size, dtype=complex)
     full[about.model.mesh.dofs[node.number][: len(parts)]] = parts
-    if not about.on_unknowns(full).any():
+    if not about.unknown_forces(full).any():
         raise SceneError(
             f"{name} on {node} moves nothing: it is zero, or supports take all of it. Give "
             "components in free directions"
@@ -318,7 +318,7 @@ class ObservedMotion:
         #: Names of the components; matrices that give them from the motion of all nodes (m, size),
         #: but for slides, and from the unknowns (m, free).
         self.names = tuple(outputs)
-        self.of_nodes = np.vstack([motion_rows(model, of, nodes, no_slides) for of in listed])
-        of_columns = np.vstack([motion_rows(model, of, no_nodes, slides) for of in listed])
-        rows = zip(self.of_nodes, of_columns, strict=True)
-        self.rows = np.array([about.on_unknowns(*parts) for parts in rows])
+        self.node_rows = np.vstack([motion_rows(model, of, nodes, no_slides) for of in listed])
+        column_rows = np.vstack([motion_rows(model, of, no_nodes, slides) for of in listed])
+        rows = zip(self.node_rows, column_rows, strict=True)
+        self.rows = np.array([about.unknown_forces(*parts) for parts in rows])

@@ -25,7 +25,7 @@ def line_rows(
     rates, t, factor = (T @ about.rates)[None], np.array([state.t]), np.array([about.factor])
     steps = steps._replace(v=rates, t=t, factor=factor)
     moved, rate_row, direct = np.zeros(T.shape[1]), np.zeros(T.shape[1]), list[float]()
-    by_parameters = np.zeros(len(parameters))
+    parameter_slopes = np.zeros(len(parameters))
     rule = AN_INSTANT if quantity == "pull" else None
     for name, entries, slopes in PointValues(model.points, quantity, line, rule).slopes(steps):
         if name == "q":
@@ -34,10 +34,10 @@ def line_rows(
             moved += slopes[0] @ dT[entries]
             rate_row += slopes[0] @ T[entries]
         elif name == "parameters":
-            by_parameters[entries] += slopes[0]
+            parameter_slopes[entries] += slopes[0]
     for name in inputs:
         for unit in np.eye(about.held.widths[name]):
-            direct.append(float(by_parameters @ _by_input(about, name, unit)))
+            direct.append(float(parameter_slopes @ _by_input(about, name, unit)))
     return moved, rate_row, np.array(direct)
 
 

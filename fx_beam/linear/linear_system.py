@@ -198,7 +198,7 @@ def _kinds(
     if heavy.all() and _are_definite(M):
         return scipy.sparse.identity(count, format="csr"), count, 0
     identity = np.eye(count)
-    with_mass, without = split(M.toarray(), identity[:, heavy])
+    heavy_basis, without = split(M.toarray(), identity[:, heavy])
     rest = np.hstack([without, identity[:, ~heavy]])
     C = unit[:, None] * C.toarray() * unit
     most = abs(C).max(initial=0.0)
@@ -208,8 +208,8 @@ def _kinds(
         raise SceneError(
             f"{caller}: forces that depend on rates drive a part without mass. Give it mass"
         )
-    basis = np.hstack([with_mass, unit[:, None] * damped, unit[:, None] * neither])
-    return scipy.sparse.csr_matrix(basis), with_mass.shape[1], damped.shape[1]
+    basis = np.hstack([heavy_basis, unit[:, None] * damped, unit[:, None] * neither])
+    return scipy.sparse.csr_matrix(basis), heavy_basis.shape[1], damped.shape[1]
 
 
 def _are_definite(M: scipy.sparse.csr_matrix) -> bool:
@@ -504,9 +504,9 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[
         if law:
             from .line_rows import line_rows
 
-            *of_motion, of_inputs = line_rows(about, line.number, law, inputs)
-            row_pairs.append(np.array(of_motion)[:, None])
-            direct.append(of_inputs[None])
+            *state_rows, input_rows = line_rows(about, line.number, law, inputs)
+            row_pairs.append(np.array(state_rows)[:, None])
+            direct.append(input_rows[None])
         else:
             row_pairs.append(np.array(_rows(about, measured)))
             direct.append(np.zeros((row_pairs[-1].shape[1], direct[0].shape[1])))

@@ -81,7 +81,7 @@ class Linearisation:
         """Stiffness (free, free)."""
         return self.stiffness.matrix
 
-    @cached_property
+    @property
     def M(self) -> scipy.sparse.csr_matrix:
         """Mass (free, free)."""
         if (M := self.inertia).is_plain:
@@ -99,7 +99,7 @@ class Linearisation:
         K, auxiliary = self.stiffness, np.arange(self.model.reduction.columns, self._count)
         return np.concatenate([self.unknowns, auxiliary, K.places.order[K.places.closing]])
 
-    @cached_property
+    @property
     def unit(self) -> np.ndarray:
         """Sizes (n,) of unit unknowns of `stiffness`."""
         return self.stiffness.units(self.model)
@@ -117,7 +117,9 @@ class Linearisation:
                 moved[:, k] += 1j * (self.coupling @ z.imag)
         return moved
 
-    def on_unknowns(self, forces: np.ndarray, on_columns: np.ndarray | None = None) -> np.ndarray:
+    def unknown_forces(
+        self, forces: np.ndarray, on_columns: np.ndarray | None = None
+    ) -> np.ndarray:
         """T^T f (free,) for forces f (size,) at nodes, or also those (columns,) on columns."""
         others = np.zeros(self._count)
         if on_columns is not None:
@@ -173,7 +175,7 @@ class Linearisation:
         self.models["damped"] = lease = model_for(self.model.scene, *kind, instant=True)
         return lease.set_up
 
-    @cached_property
+    @property
     def has_potential(self) -> bool:
         """Whether the stiffness is symmetric but for round-off."""
         K, sliding = self.stiffness, bool(self.model.couplings.sliding)
@@ -272,13 +274,13 @@ def linearised(
     """
     check_scene(scene, caller)
     end = state.end if isinstance(state, Solution) else None
-    with_inputs = with_values(scene, None if end is None else values_of(end, widths(scene)))
+    driven_scene = with_values(scene, None if end is None else values_of(end, widths(scene)))
     models = {} if models is None else models
     # On a yield surface round-off would say whether something flows.
     springs = [coordinate.spring for coordinate in _coordinates(scene) if coordinate.spring]
     flows = any(law.internal for law in [*springs, *(beam.section for beam in scene.beams)])
     kind = {"mobile": True} | ({"instant": True} if flows else {})
-    models["plain"] = lease = model_for(with_inputs, Equilibrium(), models.get("plain"), **kind)
+    models["plain"] = lease = model_for(driven_scene, Equilibrium(), models.get("plain"), **kind)
     model: Model = lease.set_up
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
@@ -297,8 +299,19 @@ def linearised(
         G = K.weighted(frame.gyroscopic, reduction).without_equations
         G = G.with_data(np.sqrt(factor) * G.system.data)
     M = _without_round_off(K.weighted(model.masses.matrix, reduction), K.units(model))
-    matrices = K, M, reduction.maps.column_map, unknowns, start, frame, G
-    about = Linearisation(scene, model, *matrices, 1.0 if state is None else factor, models)
+    about = Linearisation(
+        scene=scene,
+        model=model,
+        stiffness=K,
+        inertia=M,
+        coupling=reduction.maps.column_map,
+        unknowns=unknowns,
+        start=start,
+        frame=frame,
+        coriolis=G,
+        factor=1.0 if state is None else factor,
+        models=models,
+    )
     # The largest work of a force at a node in a unit motion of the scene [J].
     largest = max(abs(part * model.units.nodes).max() for part in (balance.f, balance.r, force))
     if not is_held:

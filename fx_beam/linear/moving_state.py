@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse
 
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
@@ -82,7 +81,7 @@ class Deviations:
     frame: TurningFrame | None
     factor: float
 
-    @cached_property
+    @property
     def rates_from(self) -> np.ndarray:
         """R (columns, size): z' = R v for rates v of the nodes."""
         return _rates_from(self.model, self.T.toarray())
@@ -145,9 +144,24 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     stiff, viscous = scipy.sparse.diags(stiff), scipy.sparse.diags(viscous)
     K = T.T @ (K @ T + C @ dT + mass @ (turning + ddT)) + S.T @ (stiff @ S + viscous @ dS)
     C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S)
-    M, unknowns = T.T @ (mass @ T), model.reduction.independent
-    matrices = (M.tocsr(), C.tocsr(), (K + geometric).tocsr(), T, dT, S, dS)
-    return Deviations(model, lease, inputs, forcing, state, w, unknowns, *matrices, frame, factor)
+    return Deviations(
+        model=model,
+        lease=lease,
+        held=inputs,
+        forcing=forcing,
+        state=state,
+        rates=w,
+        unknowns=model.reduction.independent,
+        M=(T.T @ (mass @ T)).tocsr(),
+        C=C.tocsr(),
+        K=(K + geometric).tocsr(),
+        T=T,
+        dT=dT,
+        S=S,
+        dS=dS,
+        frame=frame,
+        factor=factor,
+    )
 
 
 def _warn_of_turn(
@@ -168,8 +182,8 @@ def _warn_of_turn(
     frame = TurningFrame(model, spin, (pivot.real, pivot.imag))
     apart = abs(state.v - frame.rates(state.q, 1.0)) / model.units.nodes
     turned = frame.spin * (frame.quarter_turn @ T.toarray())
-    in_space = abs(turned - dT.toarray()).max(initial=0.0)
-    if apart.max() < _RIGID * abs(spin) and in_space > _RIGID * abs(spin):
+    space_share = abs(turned - dT.toarray()).max(initial=0.0)
+    if apart.max() < _RIGID * abs(spin) and space_share > _RIGID * abs(spin):
         _log.warning(
             "%s: the scene turns as a whole, at %.4g rad/s about (%.4g, %.4g), but the linear "
             "system is that of the instant, in places measured in space: its eigenvalues are not "

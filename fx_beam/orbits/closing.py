@@ -21,8 +21,8 @@ _log = logging.getLogger("fx_beam")
 
 # The damping at the begin, its factors after a success and a failure, and the largest one.
 _DAMPED, _LESS, _MORE, _LARGEST = 0.1, 0.1, 10.0, 1e6
-#: Singular values of the equations that are round-off, relative to the largest.
-ROUNDING = 1e-13
+# Singular values of the equations that are round-off, relative to the largest.
+_ROUNDING = 1e-13
 # Growth of changes in a period above which they say nothing about the next state.
 _USEFUL = 1e9
 # Gaps that are round-off, in units of the scene.
@@ -238,14 +238,18 @@ class _Search:
         )
 
 
+def least_squares(matrix: np.ndarray, sides: np.ndarray) -> np.ndarray:
+    """The shortest x (n, ...) with the least matrix x - sides, where round-off is zero."""
+    return scipy.linalg.lstsq(matrix, sides, _ROUNDING, lapack_driver="gelsy")[0]
+
+
 def _damped(matrix: np.ndarray, damping: float) -> Callable[[np.ndarray], np.ndarray]:
     """Gives the step for a gap."""
     n = matrix.shape[1]
     damped = np.vstack([matrix, damping * np.eye(n)])
 
     def solve(gap: np.ndarray) -> np.ndarray:
-        right = np.append(-gap, np.zeros(n))
-        return scipy.linalg.lstsq(damped, right, ROUNDING, lapack_driver="gelsy")[0]
+        return least_squares(damped, np.append(-gap, np.zeros(n)))
 
     return solve
 

@@ -387,9 +387,9 @@ def forced_response(
     check_takes(build, "f", f"{what}: build")
     ends = real_array(frequencies)
     differ = ends.shape == (2,) and ends[0] != ends[1]
-    in_range = differ and all(1 / LARGEST <= f <= LARGEST for f in ends)
+    is_valid = differ and all(1 / LARGEST <= f <= LARGEST for f in ends)
     expected = "the first and the last one, positive [Hz]"
-    require(in_range, f"{what}: frequencies", frequencies, expected)
+    require(is_valid, f"{what}: frequencies", frequencies, expected)
     require(is_whole(periods, 1), f"{what}: periods", periods, "a whole number from 1 on")
     first, last = map(float, ends)
     shooting = _OverFrequency(build, first, periods, PeriodicOptions.among(locals()))
