@@ -684,13 +684,20 @@ def constraints_of(scene: Any) -> Constraints:
 
 def key_of(joint: Joint) -> JointKey:
     """Identifier of a joint in a scene that has changed."""
-    place = [*joint.offset.tolist(), *([] if joint.axis is None else joint.axis.tolist())]
-    place += [] if joint.place is None else [*joint.place.apart, joint.place.turn]
-    beam, ends = getattr(joint, "beam", None), (joint.a.number, joint.b.number)
-    beam_name = "" if beam is None else beam.name
-    return JointKey(joint.number, joint.kind, *ends, tuple(joint.driven), tuple(place), beam_name)
+    return _key(joint, joint.number, tuple(joint.driven))
 
 
 def coupling_of(joint: Joint) -> JointKey:
     """Kind, nodes and place of a joint: of two joints with the same ones, one is enough."""
-    return replace(key_of(joint), number=-1, motors=())
+    return _key(joint, -1, ())
+
+
+def _key(joint: Joint, number: int, motors: tuple[str, ...]) -> JointKey:
+    place = joint.offset.tolist()
+    if joint.axis is not None:
+        place += joint.axis.tolist()
+    if joint.place is not None:
+        place += [*joint.place.apart, joint.place.turn]
+    beam = getattr(joint, "beam", None)
+    name = "" if beam is None else beam.name
+    return JointKey(number, joint.kind, joint.a.number, joint.b.number, motors, tuple(place), name)
