@@ -40,10 +40,10 @@ def _gap(
     that do work on the change of a . t, which vanishes only with d, account for it. Forces on
     products of arms have no moment.
     """
-    near = _Nearest(motion, D, numbers, follows)
-    first, last = _arms(near.ends)
+    nearest = _Nearest(motion, D, numbers, follows)
+    first, last = _arms(nearest.ends)
     distance0, distance1 = _length(first), _length(last)
-    along = near.sum_forces(*_directions(motion, near.ends), len(D))
+    along = nearest.sum_forces(*_directions(motion, nearest.ends), len(D))
     (a, t, *_), path, radius = _vectors(motion.rates), distance1 - distance0, numbers[-1]
     rate = dot(first, add(a, -0.5, t)) / distance0
     return StepCoordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
@@ -58,30 +58,30 @@ def _slip(follows: bool, motion: ForceStep, D: Sequence[Any], numbers: Sequence[
     start is followed an expression with the same value, which has derivatives.
     """
     end_factor, _, slipped, length, length_at_start, _ = numbers
-    near = _Nearest(motion, D, numbers, follows)
-    path = slipped + length * near.place - length_at_start * near.place_at_start
+    nearest = _Nearest(motion, D, numbers, follows)
+    path = slipped + length * nearest.place - length_at_start * nearest.place_at_start
     # The quotient of the slip and the change of a . w where there is none.
     still = -length * end_factor
     if follows:
         is_inside = ufl.gt(end_factor, 0)
-        rate = ufl.conditional(is_inside, near.rate_at_end(), 1.0)
+        rate = ufl.conditional(is_inside, nearest.rate_at_end(), 1.0)
         still = ufl.conditional(is_inside, -length / rate, 0.0)
-    (arm0, _), (arm1, t1) = near.ends
-    normal, _ = _directions(motion, near.ends)
+    (arm0, _), (arm1, t1) = nearest.ends
+    normal, _ = _directions(motion, nearest.ends)
     size = len(D)
     if motion.rule.level != 0.5:
-        arm_forces = [still * x for x in near.u]
+        arm_forces = [still * x for x in nearest.u]
         half = [x / 2 for x in arm_forces]
         u_forces = [still * x for x in add(arm1, 0.5, t1)]
-        along = near.sum_forces(arm_forces, half, size, u_forces=u_forces)
+        along = nearest.sum_forces(arm_forces, half, size, u_forces=u_forces)
         return Slip(path, along, _relative(normal, arm_forces))
-    w0, w1 = near.w
+    w0, w1 = nearest.w
     change = dot(arm1, w1) - dot(arm0, w0)
     moves = ufl.gt(abs(change), _STILL * dot(w0, w0))
     factor = ufl.conditional(moves, path / ufl.conditional(moves, change, 1.0), still)
     arm_forces = [factor / 2 * x for x in add(w0, 1.0, w1)]
     w_forces = [factor / 2 * x for x in add(arm0, 1.0, arm1)]
-    along = near.sum_forces(arm_forces, [0.0, 0.0], size, w_forces=w_forces)
+    along = nearest.sum_forces(arm_forces, [0.0, 0.0], size, w_forces=w_forces)
     return Slip(path, along, _relative(normal, arm_forces))
 
 

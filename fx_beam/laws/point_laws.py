@@ -202,10 +202,10 @@ class StepCoordinate(NamedTuple):
 def smooth_sign(x: Any, still: Any, iteration_memory: Sequence[Any]) -> tuple[Any, list[Any]]:
     """Tanh of x, and what the next iteration remembers; `still` is x without a derivative."""
     y = ufl.tanh(ufl.conditional(ufl.lt(abs(still), _LARGE), still, _LARGE * ufl.sign(still)))
-    near = ufl.lt(abs(still), 1e-4)
-    safe = ufl.conditional(near, 1.0, y)
-    s = ufl.conditional(near, 1.0, still / safe)
-    bend = ufl.conditional(near, 2 * still / 3, (1 - (1 - y * y) * s) / safe)
+    is_small = ufl.lt(abs(still), 1e-4)
+    safe = ufl.conditional(is_small, 1.0, y)
+    s = ufl.conditional(is_small, 1.0, still / safe)
+    bend = ufl.conditional(is_small, 2 * still / 3, (1 - (1 - y * y) * s) / safe)
     return _with_slope(y, s, bend, x, still, iteration_memory)
 
 
@@ -213,10 +213,10 @@ def clipped(
     x: Any, still: Any, iteration_memory: Sequence[Any], edge: float = 1.0
 ) -> tuple[Any, list[Any]]:
     """x limited to -1 and 1 (to 1 from the edge on), and what the next iteration remembers."""
-    beyond = ufl.gt(abs(still), edge)
+    exceeds = ufl.gt(abs(still), edge)
     sign = ufl.conditional(ufl.gt(still, 0), 1.0, -1.0)
-    s, bend = ufl.conditional(beyond, abs(still), 1.0), ufl.conditional(beyond, sign, 0.0)
-    return _with_slope(ufl.conditional(beyond, sign, still), s, bend, x, still, iteration_memory)
+    s, bend = ufl.conditional(exceeds, abs(still), 1.0), ufl.conditional(exceeds, sign, 0.0)
+    return _with_slope(ufl.conditional(exceeds, sign, still), s, bend, x, still, iteration_memory)
 
 
 def _with_slope(
@@ -361,11 +361,11 @@ def tangent_quotient(a: Any, b: Any, x: Any) -> Any:
     exact to round-off.
     """
     x2 = x * x
-    near = ufl.lt(x2, 4e-4)
+    is_small = ufl.lt(x2, 4e-4)
     x_over_sine = 1 + (1 / 6) * x2 * (1 + (7 / 60) * x2 * (1 + (31 / 294) * x2))
     secants = ufl.sqrt((1 + a * a) * (1 + b * b))
-    above = ufl.conditional(near, x_over_sine, x)
-    return above / ufl.conditional(near, secants, b - a)
+    above = ufl.conditional(is_small, x_over_sine, x)
+    return above / ufl.conditional(is_small, secants, b - a)
 
 
 def arm_length(motion: ForceStep, r0, Dr, rates, rest: Any, side: Any) -> StepCoordinate:

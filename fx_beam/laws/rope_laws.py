@@ -61,11 +61,11 @@ def _span(apart: list[Any], moved: list[Any], D: list[Any], q: Any) -> _Span:
     longer = dot(arm_sum, D) / sum_of_sizes
     # The quotient of both increments: that of asin(q / |d|) is one of a small angle.
     y = q * longer * sum_of_sizes / ((t0 + t1) * size0 * size1)
-    near = ufl.lt(y * y, 1e-6)
+    is_small = ufl.lt(y * y, 1e-6)
     y2 = y * y
-    bent = ufl.conditional(near, 0.0, y)
-    far = ufl.asin(bent) / ufl.conditional(near, 1.0, y)
-    ratio = ufl.conditional(near, 1 + y2 / 6 * (1 + 9 / 20 * y2), far)
+    bent = ufl.conditional(is_small, 0.0, y)
+    far = ufl.asin(bent) / ufl.conditional(is_small, 1.0, y)
+    ratio = ufl.conditional(is_small, 1 + y2 / 6 * (1 + 9 / 20 * y2), far)
     quotient = sum_of_sizes / (t0 + t1) * (1 - q * q / (size0 * size1) * ratio)
     turn = _across(d0, D) / (size0 * size1 + dot(d0, d1))
     lean = turn * longer / sum_of_sizes
@@ -116,16 +116,16 @@ def rope_over(kinds: str) -> CoordinateKind:
         pulls = [span.along for span in spans]
         moments = [ufl.as_ufl(0.0)] * count
         for i in circles:
-            r, before, behind = radii[i], i > 0, i < count - 1
+            r, has_last, has_next = radii[i], i > 0, i < count - 1
             body, psi = tan(turns[i] / 2), turned[i]
             # Of the rope behind less that before; a drum is in the place of one of them.
-            a, angle_a = (spans[i - 1].turn, spans[i - 1].angle) if before else (body, psi)
-            b, angle_b = (spans[i].turn, spans[i].angle) if behind else (body, psi)
-            half_a = ufl.atan(a) if before else turns[i] / 2
-            half_b = ufl.atan(b) if behind else turns[i] / 2
+            a, angle_a = (spans[i - 1].turn, spans[i - 1].angle) if has_last else (body, psi)
+            b, angle_b = (spans[i].turn, spans[i].angle) if has_next else (body, psi)
+            half_a = ufl.atan(a) if has_last else turns[i] / 2
+            half_b = ufl.atan(b) if has_next else turns[i] / 2
             x = half_b - half_a
             bent = angle_b - angle_a
-            if before and behind:  # it is within half a turn of that at the start
+            if has_last and has_next:  # it is within half a turn of that at the start
                 bent = 2 * ufl.atan(tan(bent / 2))
             start, path = start + r * (arcs[i] + bent), path + 2 * r * x
             share = r * tangent_quotient(a, b, x)

@@ -190,10 +190,10 @@ class _Joined:
         old, new = (None if r is None else r.balanced() for r in known)
         parts = [{} if part is None else {"ends": part.ends} for part in (old, new)]
         places, jumps, rows = [], [], (len(self._first.t), len(self._second.t) - 1)
-        for part, first, (before, after) in ((old, 0, (0, rows[1])), (new, 1, (rows[0], 0))):
+        for part, first, pads in ((old, 0, (0, rows[1])), (new, 1, (rows[0], 0))):
             if part is not None:
                 places.append(part.places)
-                jumps.append(np.pad(part.jumps[first:], [(before, after), (0, 0), (0, 0)]))
+                jumps.append(np.pad(part.jumps[first:], [pads, (0, 0), (0, 0)]))
         s = (new or old).s  # type: ignore[union-attr]
         all_loads = np.concatenate(places), np.concatenate(jumps, axis=1)
         return Balance(s, self._rows(*parts)["ends"], *all_loads)
@@ -206,9 +206,9 @@ class _Joined:
         """Rows of both motions by keys; zero where a motion does not have a key."""
         rows, n, m = {}, len(self._first.t), len(self._second.t)
         for key, example in {**first, **second}.items():
-            before = first[key] if key in first else np.zeros((n, *example.shape[1:]))
-            after = second[key] if key in second else np.zeros((m, *example.shape[1:]))
-            rows[key] = np.concatenate([before, after[1:]])
+            first_rows = first[key] if key in first else np.zeros((n, *example.shape[1:]))
+            second_rows = second[key] if key in second else np.zeros((m, *example.shape[1:]))
+            rows[key] = np.concatenate([first_rows, second_rows[1:]])
         return rows
 
 

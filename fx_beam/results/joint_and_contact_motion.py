@@ -294,8 +294,8 @@ class PullMotion:
                 stored += self._of_law(spring.strain_energy, stretch)
         for name, side in (("lower", -1), ("upper", 1)):
             if (limit := getattr(stop, name, None)) is not None:
-                beyond = np.maximum(side * (x - limit), 0.0)
-                stored += getattr(stop, "stiffness", 0.0) / 2 * beyond**2
+                excess = np.maximum(side * (x - limit), 0.0)
+                stored += getattr(stop, "stiffness", 0.0) / 2 * excess**2
         return stored @ getattr(line, "lengths", 1.0) if x.ndim > 1 else stored
 
     def _of_law(self, law: Any, stretch: np.ndarray) -> np.ndarray:
@@ -461,12 +461,12 @@ class ContactMotion:
         length = np.diff(t)
         part = np.divide(t_level[1:] - t[:-1], length, out=np.ones_like(length), where=length > 0)
 
-        def between(nodes: np.ndarray) -> np.ndarray:
+        def level_rows(nodes: np.ndarray) -> np.ndarray:
             rows = q[:, nodes]
             rows[1:] = rows[:-1] + part[:, None, None] * np.diff(rows, axis=0)
             return rows
 
-        return self._gaps_and_normals(between)[1]
+        return self._gaps_and_normals(level_rows)[1]
 
     def _gaps_and_normals(self, q_of: Moved) -> GapsAndNormals:
         solution = self.solution
@@ -474,10 +474,10 @@ class ContactMotion:
 
     def _sides(self, member: Beam) -> np.ndarray:
         """1 for the nodes (n, m) to the right of a member, for who looks along it, else -1."""
-        _, directions, near = self._now
-        assert near is not None
+        _, directions, nodes = self._now
+        assert nodes is not None
         positions = self.solution.shape(member.name)
-        before, after = np.maximum(near - 1, 0), np.minimum(near + 1, positions.shape[1] - 1)
-        ends = (np.take_along_axis(positions, node[..., None], axis=1) for node in (after, before))
+        nodes_of_ends = np.minimum(nodes + 1, positions.shape[1] - 1), np.maximum(nodes - 1, 0)
+        ends = (np.take_along_axis(positions, node[..., None], axis=1) for node in nodes_of_ends)
         x, y = np.moveaxis(np.subtract(*ends), -1, 0)
         return np.where(x * directions[..., 1] > y * directions[..., 0], -1.0, 1.0)

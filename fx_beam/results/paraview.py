@@ -63,7 +63,7 @@ class Grid:
                     fields |= {motion_name: _in_space(rows[..., :2]), turn_name: rows[..., 2]}
             for name, values in along.items():
                 fields[name] = values[parts].reshape(-1, len(self._nodes))
-            before, behind = self._around({name: values[0] for name, values in fields.items()})
+            head, tail = self._around({name: values[0] for name, values in fields.items()})
             columns = list[np.ndarray]()
             for values in fields.values():
                 flat = values.reshape(len(values), -1)
@@ -71,7 +71,7 @@ class Grid:
                 columns += [np.broadcast_to(size, (len(flat), 1)), flat.astype("<f8", copy=False)]
             for file, row in zip(files[parts], np.concatenate(columns, axis=1), strict=True):
                 with open(file, "wb") as opened:
-                    opened.write(b"".join([before, row.tobytes(), behind]))
+                    opened.write(b"".join([head, row.tobytes(), tail]))
 
     def _around(self, fields: Mapping[str, np.ndarray]) -> tuple[bytes, bytes]:
         """Bytes before and behind the fields in the file of a row."""
@@ -96,8 +96,8 @@ class Grid:
                 blocks[part] += np.array(little.nbytes, "<u8").tobytes() + little.tobytes()
                 offset += 8 + little.nbytes
         text = xml.tostring(root).removesuffix(b"</VTKFile>")
-        before = text + b'<AppendedData encoding="raw">_' + blocks["Points"] + blocks["Cells"]
-        return before, blocks["CellData"] + b"</AppendedData></VTKFile>"
+        head = text + b'<AppendedData encoding="raw">_' + blocks["Points"] + blocks["Cells"]
+        return head, blocks["CellData"] + b"</AppendedData></VTKFile>"
 
 
 def write_collection(path: Path | str, times: Iterable[float], names: Iterable[str]) -> None:

@@ -92,8 +92,8 @@ class Balance:
         for place, owner, jump in zip(self.places, owners, self.jumps.swapaxes(0, 1), strict=True):
             (inside,) = np.nonzero(element == owner)
             load_place, part = (place - self.s[owner]) / h[owner], x[inside]
-            beyond = part > load_place - shift / h[owner]
-            values[..., inside] += jump.T[..., None] * (beyond - part)
+            is_beyond = part > load_place - shift / h[owner]
+            values[..., inside] += jump.T[..., None] * (is_beyond - part)
             hat = np.where(part < load_place, part * (1 - load_place), load_place * (1 - part))
             values[2][:, inside] += h[owner] * jump[:, 1, None] * hat
         return values

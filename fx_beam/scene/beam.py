@@ -218,8 +218,8 @@ class Beam:
         nearest = int(np.argmin(away))
         if not away[nearest] < 1e-9:
             above = int(np.searchsorted(fractions, as_float(fraction)))
-            near = fractions[max(above - 3, 0) : above + 3]
-            ends = np.array2string(near, precision=10, separator=", ", max_line_width=200)
+            near_fractions = fractions[max(above - 3, 0) : above + 3]
+            ends = np.array2string(near_fractions, precision=10, separator=", ", max_line_width=200)
             raise SceneError(
                 f"beam {self.name!r} has no node at the fraction {shown(fraction)} of its length; "
                 f"elements that are near end at {ends}. Use one of these, or change the number of "
@@ -258,8 +258,8 @@ class BeamPlace:
     def element(self) -> tuple[int, float]:
         """Number of its element, and the place in it from 0 to 1."""
         ends = self.beam.s
-        beyond = self.s + 1e-9 * ends[-1]  # as of section forces: at a node that behind it
-        number = int(np.clip(np.searchsorted(ends, beyond, "right") - 1, 0, len(ends) - 2))
+        place = self.s + 1e-9 * ends[-1]  # as of section forces: at a node that behind it
+        number = int(np.clip(np.searchsorted(ends, place, "right") - 1, 0, len(ends) - 2))
         return number, (self.s - ends[number]) / (ends[number + 1] - ends[number])
 
     @property

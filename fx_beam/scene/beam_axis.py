@@ -79,8 +79,8 @@ class BeamAxis:
     def corner_near(self, s: float) -> np.ndarray | None:
         """Position (2,) of a corner within a hundredth of an element from an arc length [m]."""
         inner, h = self.s[1:-1], np.minimum(self.h[1:], self.h[:-1])
-        near = np.flatnonzero(self.corners() & (abs(inner - s) <= 0.01 * h))
-        return self.X[self.degree * (near[0] + 1)] if near.size else None
+        near_corners = np.flatnonzero(self.corners() & (abs(inner - s) <= 0.01 * h))
+        return self.X[self.degree * (near_corners[0] + 1)] if near_corners.size else None
 
     @cached_property
     def angles(self) -> np.ndarray:
@@ -110,8 +110,9 @@ class BeamAxis:
     def _over(self, values: np.ndarray, e: np.ndarray, x: np.ndarray, order: int) -> np.ndarray:
         """Values, or derivatives by s, at coordinates x (n,) in elements e (n,)."""
         nodes = np.clip(self._nodes(e), 0, len(self) - 1)  # others have the weight 0
-        near = np.take_along_axis(values, nodes.reshape(*nodes.shape, *[1] * (values.ndim - 2)), 1)
-        return np.einsum("na,na...->n...", self._weights(e, x, order), near)
+        index = nodes.reshape(*nodes.shape, *[1] * (values.ndim - 2))
+        local = np.take_along_axis(values, index, 1)
+        return np.einsum("na,na...->n...", self._weights(e, x, order), local)
 
     def _nodes(self, e: np.ndarray) -> np.ndarray:
         """Nodes (n, 3 p + 1) of elements and their neighbours, also where there is none."""
@@ -135,9 +136,9 @@ class BeamAxis:
         """Arc length of the nearest point of the reference path, and the distance to it [m]."""
         distances = np.linalg.norm(self._places - point, axis=2).min(axis=1)
         most = distances.min() * (1 + 1e-6) + 1e-12 * self.length
-        near = np.flatnonzero(distances - self._reach <= most)
-        arcs = [self.s[np.union1d(near, near + 1)]]
-        for e in near:
+        elements = np.flatnonzero(distances - self._reach <= most)
+        arcs = [self.s[np.union1d(elements, elements + 1)]]
+        for e in elements:
             coefficients = self._cubics[e].copy()
             coefficients[0] -= point
             slopes = np.arange(1, 4)[:, None] * coefficients[1:]

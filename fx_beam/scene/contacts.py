@@ -519,10 +519,10 @@ def _on_pieces(points: np.ndarray, nodes: np.ndarray, node: np.ndarray, closed: 
     count = nodes.shape[-2]
     begins, ends = ((node == end) & (not closed) for end in (0, count - 1))
     around = ((node + k) % count for k in _ABOUT)
-    before, middle, after = (np.take_along_axis(nodes, k[..., None], -2) for k in around)
-    before = np.where(begins[..., None], 2 * middle - after, before)
-    after = np.where(ends[..., None], 2 * middle - before, after)
-    bend, slope = (before - 2 * middle + after) / 2, (after - before) / 2
+    last_nodes, middle, next_nodes = (np.take_along_axis(nodes, k[..., None], -2) for k in around)
+    last_nodes = np.where(begins[..., None], 2 * middle - next_nodes, last_nodes)
+    next_nodes = np.where(ends[..., None], 2 * middle - last_nodes, next_nodes)
+    bend, slope = (last_nodes - 2 * middle + next_nodes) / 2, (next_nodes - last_nodes) / 2
     value = middle + bend / 4 - points
     low, high = np.where(begins, 0.0, -0.5), np.where(ends, 0.0, 0.5)
     for _ in range(_ITERATIONS):  # bisection: the derivative of the distance has one zero

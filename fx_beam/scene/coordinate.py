@@ -103,8 +103,8 @@ class Stop:
         SceneError
             With the limit.
         """
-        for name, limit, beyond in (("lower", self.lower, -1.0), ("upper", self.upper, 1.0)):
-            if limit is not None and beyond * (place - limit) > tolerance:
+        for name, limit, sign in (("lower", self.lower, -1.0), ("upper", self.upper, 1.0)):
+            if limit is not None and sign * (place - limit) > tolerance:
                 raise SceneError(
                     f"{what} starts at {place:.6g}, beyond the {name} limit {limit:.6g} of its "
                     f"stop. Move the limit{more}"

@@ -22,14 +22,14 @@ def shifted(line: Layout, offset: Any, name: str) -> Layout:
     inner = [] if line.inner is None else [*np.moveaxis(dual_array(line.inner), 1, 0)]
     points = [ends[:-1], *inner, ends[1:]]
     normals = _left_of(points)
-    before, after = normals[-1][:-1], normals[0][1:]
-    mitre = 1 + np.sum(before * after, axis=1)
+    last_normals, next_normals = normals[-1][:-1], normals[0][1:]
+    mitre = 1 + np.sum(last_normals * next_normals, axis=1)
     for i in np.flatnonzero(floats(mitre) < _SHARPEST):
         raise SceneError(
             f"beam {name!r}: the corner {_place(ends[i + 1])} is too sharp for an axis with an "
             "offset. Make two beams of it"
         )
-    corner_normals = (before + after) / mitre[:, None]
+    corner_normals = (last_normals + next_normals) / mitre[:, None]
     if line.inner is not None and len(points) == 2 and len(ends) > 2:
         # At the ends of a curve chords have an error of first order; parabolas have not.
         normals[0][:1] = _left_of([ends[i : i + 1] for i in range(3)])[0]

@@ -335,7 +335,7 @@ class JointKinematics:
     def _difference(self, motion: NodalMotion, name: str) -> list[np.ndarray]:
         """Components (3,) of the motion of b relative to a: x_b - x_a."""
         a, b = (self._of(motion, name, node) for node in (self.joint.a, self.joint.b))
-        return [after - before for after, before in zip(b, a, strict=True)]
+        return [end - start for end, start in zip(b, a, strict=True)]
 
     def _turned(self, motion: NodalMotion, arm, back: bool = False) -> tuple[Any, Any]:
         """R(psi_a) arm, or with `back` R(-psi_a) arm: the components as a sees them."""

@@ -402,9 +402,9 @@ def evolved(variables: InternalVariables, old, e0, e1, dt, static: bool) -> tupl
 
     def after(share: float) -> Any:
         """Variables after a share of the step: the update to its level, extended linearly."""
-        until = level * share
-        strains = tuple((1 - until) * a + until * b for a, b in zip(e0, e1, strict=True))
-        return old + (variables.updated(old, e0, strains, until * dt) - old) / level
+        part = level * share
+        strains = tuple((1 - part) * a + part * b for a, b in zip(e0, e1, strict=True))
+        return old + (variables.updated(old, e0, strains, part * dt) - old) / level
 
     return old, after(1.0), after(_SHORTLY) if static else old
 

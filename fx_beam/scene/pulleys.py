@@ -163,11 +163,11 @@ class RopeOverPulleys(ForceBetween):
         """Length (rows,) [m] and arcs (n, rows) on circles [rad], of drums since the start."""
         spans, leans = self.spans(vectors)
         z, Z = vectors[:, 0] + 1j * vectors[:, 1], self.apart[:, 0] + 1j * self.apart[:, 1]
-        since = z * np.conj(Z)[:, None]
+        turned_ways = z * np.conj(Z)[:, None]
         arcs = np.zeros((len(self.points), vectors.shape[2]))
-        arcs[1:-1] = np.angle(since[1:] * np.conj(since[:-1])) + leans[1:] - leans[:-1]
-        arcs[0] = np.angle(since[0]) + leans[0] - turned[0]
-        arcs[-1] = turned[1] - np.angle(since[-1]) - leans[-1]
+        arcs[1:-1] = np.angle(turned_ways[1:] * np.conj(turned_ways[:-1])) + leans[1:] - leans[:-1]
+        arcs[0] = np.angle(turned_ways[0]) + leans[0] - turned[0]
+        arcs[-1] = turned[1] - np.angle(turned_ways[-1]) - leans[-1]
         arcs += np.asarray(self.turns, dtype=float)[:, None]
         return spans.sum(axis=0) + self.radii @ arcs, arcs * np.sign(self.radii)[:, None]
 
@@ -186,12 +186,12 @@ class RopeOverPulleys(ForceBetween):
         angles = np.arctan2(ways[:, 1], ways[:, 0]) + leans
         out = []
         for i, radius in enumerate(self.radii.tolist()):
-            before, behind = angles[max(i - 1, 0)], angles[min(i, len(angles) - 1)]
-            arc = np.copysign((behind - before) * np.sign(radius) % (2 * np.pi), radius)
+            first_angle, last_angle = angles[max(i - 1, 0)], angles[min(i, len(angles) - 1)]
+            arc = np.copysign((last_angle - first_angle) * np.sign(radius) % (2 * np.pi), radius)
             if i in (0, len(angles)):
                 arc = 2 * np.pi  # a drum is a circle
             for share in np.linspace(0, 1, _DRAWN if radius else 1):
-                angle = before + share * arc
+                angle = first_angle + share * arc
                 out.append(centres[i] + radius * np.stack([np.sin(angle), -np.cos(angle)], axis=-1))
         return np.stack(out, axis=-2)
 
