@@ -18,7 +18,7 @@ from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
-from .drawing import Drawing, Look, checked_drawing, clock, say_if_too_small, three_digits, title
+from .drawing import Drawing, Look, checked_drawing, headings, say_if_too_small, title
 from .members import Members
 from .sheet import LARGEST, Plane
 from .symbols import Supports, draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
@@ -183,7 +183,8 @@ class _Frames:
         """Pixels (height, width, 4) of each frame, with names of nodes and additional objects."""
         ax, drawing = self._ax, self._drawing
         supports, shown = Supports(drawing), drawing.rows
-        for k, words in zip(shown, _headings(drawing), strict=True):
+        times = drawing.solution.t[shown]
+        for k, words in zip(shown, headings(drawing.solution, times), strict=True):
             self._heading.set_text(words)
             self._members.move(self._lines, k)
             if self.trace is not None:
@@ -204,14 +205,6 @@ class _Frames:
             yield np.array(self._canvas.buffer_rgba())
             for artist in drawn:
                 artist.remove()
-
-
-def _headings(drawing: Drawing) -> list[str]:
-    """The time of each row, or its load factor."""
-    t = drawing.solution.t[drawing.rows]
-    if drawing.solution.stats.static:
-        return [f"load factor {three_digits(factor)}" for factor in t]
-    return clock(t.tolist())
 
 
 def _plane(drawing: Drawing, bar: bool, size: tuple[int, int] | None) -> Plane:

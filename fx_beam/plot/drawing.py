@@ -85,14 +85,15 @@ def time_unit(largest: float) -> tuple[float, str]:
     return next((factor, name) for limit, factor, name in _UNITS if largest < limit)
 
 
-def clock(times: Sequence[float]) -> list[str]:
-    """Times with their unit, all with the decimals that tell them apart."""
-    factor, name = time_unit(max(times))
-    shortest = min((b - a for a, b in zip(times[:-1], times[1:], strict=True) if b > a), default=0)
-    decimals = 0
-    while decimals < 6 and abs(math.remainder(factor * shortest, 10.0**-decimals)) > 1e-6:
-        decimals += 1
-    return [f"t = {factor * t:.{min(decimals, 4)}f} {name}" for t in times]
+def headings(solution: Solution, times: np.ndarray) -> list[str]:
+    """Times (n,) with their unit, all with the decimals that they have, or load factors."""
+    if solution.stats.static:
+        return [f"load factor {three_digits(load_factor)}" for load_factor in times]
+    factor, name = time_unit(times.max())
+    scaled = factor * times
+    exact = (d for d in range(4) if abs(scaled - scaled.round(d)).max() <= 1e-6)
+    decimals = next(exact, 4)
+    return [f"t = {t:.{decimals}f} {name}" for t in scaled]
 
 
 # Straight lines per element: over 60 degrees the error is a thousandth of the radius.

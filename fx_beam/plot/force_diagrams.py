@@ -15,7 +15,7 @@ from fx_beam.errors import is_flag, is_one_of, require
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.solution import Solution
 
-from .drawing import Drawing, checked_rows, spacing, three_digits, time_unit
+from .drawing import Drawing, checked_rows, headings, spacing, three_digits
 from .members import SIGNED, words_for
 from .sheet import panels, picture, written
 from .symbols import draw_lines, draw_surroundings
@@ -99,10 +99,8 @@ def diagrams(
         ax.tick_params(labelbottom=lowest, labelleft=first)
         ax.set_xlabel(f"$x$ [{scene_unit}]" if lowest else "")
         ax.set_ylabel(f"$y$ [{scene_unit}]" if first else "")
-    t = solution.t_level[row]
-    factor, unit = time_unit(solution.t[-1])
-    words = f"load factor {three_digits(t)}" if solution.stats.static else ""
-    fig.suptitle(words or f"t = {factor * t:.4g} {unit}", fontsize="medium")
+    (words,) = headings(solution, solution.t_level[[row]])
+    fig.suptitle(words, fontsize="medium")
     return written(fig, path)
 
 

@@ -24,6 +24,7 @@ from .drawing import (
     Drawing,
     Look,
     checked_drawing,
+    headings,
     say_if_too_small,
     three_digits,
     time_unit,
@@ -112,15 +113,18 @@ def shapes(
     shown = drawing.rows
     members = Members(drawing, thickness, colour, colour_limits, colour_scale)
     drawing.include(members.corners)
-    plane = Plane(drawing, bar=True)
+    single = headings(solution, solution.t[shown]) if len(shown) == 1 else []
+    plane = Plane(drawing, bar=not single or colour is not None)
     say_if_too_small(drawing)
     ax = plane.ax
-    ax.set_title(title(drawing), fontsize="medium")
+    ax.set_title(", ".join([title(drawing), *single]), fontsize="medium")
     shades: Any = ["0.35"] * len(shown)
-    if colour is None:
-        shades = _colours_of_times(plane, drawing)
-    else:
+    if colour is not None:
         plane.draw_bar(members.scale, **members.bar)
+    elif single:
+        shades = [SEQUENTIAL(0.0)]
+    else:
+        shades = _colours_of_times(plane, drawing)
     if colour is None and thickness is None:
         # With a parallel projection matplotlib's axes fit the picture exactly.
         extent = np.transpose(drawing.window).ravel()

@@ -592,6 +592,25 @@ def test_a_gif_takes_as_long_as_its_frames_a_second_say(fps, swing, tmp_path):
     assert seconds == approx(11 / fps, abs=0.005 + 1e-9)  # a GIF counts hundredths
 
 
+@pytest.mark.parametrize("rows", [[7], [0, 3, 10], [1, 2]])
+def test_a_frame_says_its_time(rows, swing, tmp_path):
+    written = []
+
+    def scenery(axes, k):
+        words = next(text.get_text() for text in axes.texts if text.get_text().startswith("t = "))
+        written.append(float(words.split()[2]) * (1e-3 if words.endswith("ms") else 1.0))
+
+    plot.animate(swing[2], tmp_path / "swing.gif", rows=rows, scenery=scenery)
+    np.testing.assert_allclose(written, swing[2].t[rows], rtol=1e-12)
+
+
+def test_a_single_shape_has_its_time_in_the_title_and_no_scale_of_times(swing):
+    solution = swing[2]
+    figure = plot.shapes(solution, rows=[7])
+    assert len(figure.axes) == 1
+    assert figure.axes[0].get_title().endswith(f"t = {solution.t[7]:g} s")
+
+
 def test_scenery_need_not_return_what_it_adds(swing, tmp_path):
     _, _, solution = swing
     counts = []
