@@ -106,8 +106,8 @@ def runs(exudyn):
     for degree, meshes in OURS.items():
         for elements, (order, scheme), steps in itertools.product(meshes, SCHEMES.items(), STEPS):
             name = f"{elements} elements of degree {degree}, {steps} steps of {order}"
-            given = degree, elements, scheme, steps
-            yield Run("fx_beam", name, lambda given=given: ours(*given))
+            choice = degree, elements, scheme, steps
+            yield Run("fx_beam", name, lambda choice=choice: ours(*choice))
     fixed = {
         "length": LENGTH,
         "section": {name: getattr(SECTION, name) for name in ("EA", "GA", "EI", "rhoA", "rhoI")},

@@ -75,8 +75,8 @@ def four_bars(n):
         corners = [(x, 0), (x + 0.3 * LENGTH, LENGTH), (right, 1.2 * LENGTH), (right, 0)]
         links = [add_link(scene, corners[i], corners[i + 1]) for i in range(3)]
         scene.pin(links[0]["start"])
-        for one, other in ((0, 1), (1, 2)):
-            scene.add_joint(fb.Revolute(links[one]["end"], links[other]["start"]))
+        for first, other in ((0, 1), (1, 2)):
+            scene.add_joint(fb.Revolute(links[first]["end"], links[other]["start"]))
         scene.add_joint(fb.Revolute(links[2]["end"], fb.GROUND))
     return scene
 
@@ -154,7 +154,7 @@ def measure(name, n):
     (first, _), memory = timed(scene, 1), used()
     # What follows takes the model of the run before: with few steps, the last row only, all rows.
     (few, _), (last, _), (rows, solver) = (
-        timed(scene, *of) for of in ((1,), (STEPS, STEPS), (STEPS,))
+        timed(scene, *arguments) for arguments in ((1,), (STEPS, STEPS), (STEPS,))
     )
     step, row = (last - few) / (STEPS - 1), (rows - last) / STEPS
     times = f"{made - start:8.3f} {first:8.3f} {1e3 * step:8.3f} {1e3 * row:8.3f}"

@@ -21,8 +21,8 @@ def main():
     for stiffness in (1e5, 1e6, 1e9, 1e12):
         solution = fb.simulate(ball(stiffness), dt=0.01, t_end=20.0)
         stats, error = solution.stats, abs(solution.energy.balance_error).max() / 0.5
-        per_step = stats.newton_iterations / stats.steps
-        print(f"{stiffness:15g} {per_step:19.1f} {stats.halvings:10} {error:12.0e}")
+        iterations = stats.newton_iterations / stats.steps
+        print(f"{stiffness:15g} {iterations:19.1f} {stats.halvings:10} {error:12.0e}")
     solution = fb.simulate(ball(1e5), tolerance=1e-4, t_end=2.0)
     lengths = np.diff(solution.t)
     print(f"tolerance 1e-4, 1e5 N/m, 2 s: {solution.stats.steps} steps, ", end="")

@@ -267,16 +267,16 @@ def memory(call):
 
     problems, begin = [], Problem.__init__
 
-    def remember(self, *given, **named):
-        begin(self, *given, **named)
+    def remember(self, *arguments, **named):
+        begin(self, *arguments, **named)
         problems.append(self)
 
     Problem.__init__ = remember
     call()
     Problem.__init__ = begin
     arrays, nodes = (arrays_of(problems[-1]), problems[-1].c.mesh.nodes) if problems else ({}, 1)
-    per_node = sum(arrays.values()) / nodes if problems else None
-    return {"memory [bytes a node]": per_node, "nodes": nodes, "arrays": arrays}
+    node_memory = sum(arrays.values()) / nodes if problems else None
+    return {"memory [bytes a node]": node_memory, "nodes": nodes, "arrays": arrays}
 
 
 def arrays_of(problem):
@@ -447,8 +447,8 @@ if __name__ == "__main__":
     parser.add_argument("--docs", action="store_true", help="renew the page and picture of docs")
     parser.add_argument("--measure", help=argparse.SUPPRESS)
     parser.add_argument("--repeats", type=int, default=0, help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.measure:
-        measure(given.measure, given.repeats)
+    arguments = parser.parse_args()
+    if arguments.measure:
+        measure(arguments.measure, arguments.repeats)
     else:
-        main(given.quick, docs=given.docs)
+        main(arguments.quick, docs=arguments.docs)

@@ -25,11 +25,11 @@ REPEATS = 3
 def timed(name, function, calls):
     """The function, which adds its name, least time [s] and corrections to calls."""
 
-    def repeated(*given, **options):
+    def repeated(*arguments, **options):
         seconds = []
         for _ in range(REPEATS):
             started = thread_time()
-            result = function(*given, **options)
+            result = function(*arguments, **options)
             seconds.append(thread_time() - started)
         corrections = getattr(getattr(result, "stats", None), "newton_iterations", 0)
         calls.append((name, min(seconds), corrections))

@@ -99,10 +99,10 @@ class Case:
         return process_time() - clock
 
 
-def seconds(function, *given):
+def seconds(function, *arguments):
     """Processor time of a call [s]."""
     clock = process_time()
-    function(*given)
+    function(*arguments)
     return process_time() - clock
 
 
@@ -125,10 +125,10 @@ def measured(build, dt, steps, tries):
     few = Tape(problem, size / 5)
     rows = []
     for _ in range(tries + 1):
-        alone, taped, in_parts = case.run(), case.run(tape), case.run(few)
+        alone, taped, parted = case.run(), case.run(tape), case.run(few)
         back, back_few = (seconds(derivatives.vjp, own, weights_of, names) for own in (tape, few))
         push = [seconds(derivatives.jvp, tape, change, ends[-1:]) for change in changes]
-        rows.append(np.array([taped, taped + back, in_parts + back_few, *push]) / alone)
+        rows.append(np.array([taped, taped + back, parted + back_few, *push]) / alone)
     assert not few.is_whole
     return [*np.median(rows[1:], axis=0), 1e-6 * size]  # the first one compiles
 

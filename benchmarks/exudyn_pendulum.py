@@ -61,9 +61,9 @@ def beam(system, length, section, elements, degree):
 def pendulum(case):
     """System of a case, and the sensor at its tip."""
     system = exudyn.SystemContainer().AddSystem()
-    given = system, case["length"], case["section"], case["elements"]
+    arguments = system, case["length"], case["section"], case["elements"]
     cables = case["kind"] == "cable"
-    nodes, elements = cable(*given) if cables else beam(*given, case["degree"])
+    nodes, elements = cable(*arguments) if cables else beam(*arguments, case["degree"])
     for element in elements:
         marker = system.AddMarker(items.MarkerBodyMass(bodyNumber=element))
         weight = [0, -case["gravity"], 0]

@@ -76,10 +76,10 @@ def main(runs=9):
             )
             ratio = package[0] / floor[0]
             rows.append((floor[0], package[0], ratio, ratio * floor[1] / package[1]))
-        least, ours, ratio, of_one = (median(column) for column in zip(*rows, strict=True))
+        least, ours, ratio, one_step = (median(column) for column in zip(*rows, strict=True))
         print(
             f"{elements:8} {dt:8g} {1e6 * least / steps:8.2f} {1e6 * ours / steps:12.2f} "
-            f"{ratio:10.2f} {of_one:12.2f} {abs(floor[2] - package[2]).max():18.1e}"
+            f"{ratio:10.2f} {one_step:12.2f} {abs(floor[2] - package[2]).max():18.1e}"
             f"   {floor[1] / steps:.2f} {package[1] / steps:.2f}"
         )
 

@@ -26,9 +26,9 @@ def arm(load=None):
     post = scene.add_beam([(0, 0), (0.5, 0)], section, elements=3, degree=2)
     scene.clamp(post.start)
     arm = scene.add_beam([(0.5, 0), (1.3, 0.2)], section, elements=4, degree=2)
-    on_slide = {"spring": fb.Spring(60.0), "damper": fb.Damper(2.0)}
+    slide_laws = {"spring": fb.Spring(60.0), "damper": fb.Damper(2.0)}
     hinge = fb.Coordinate(spring=fb.Spring(30.0), damper=fb.Damper(0.8))
-    joint = fb.PinInSlot(post.end, arm.start, axis=(0.6, 0.8), hinge=hinge, **on_slide)
+    joint = fb.PinInSlot(post.end, arm.start, axis=(0.6, 0.8), hinge=hinge, **slide_laws)
     joint = scene.add_joint(joint)
     if load is not None:
         scene.add_force(arm.end, load)

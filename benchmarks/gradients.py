@@ -113,8 +113,8 @@ def measured(build, count, steps, turns=20):
     rng, tip = np.random.default_rng(0), alone(x)[1]["tip"]
     weights = {"tip": np.ones_like(tip)}
 
-    def moved(by=run):
-        by(x * (1 + 1e-3 * rng.random(count)))
+    def moved(call=run):
+        call(x * (1 + 1e-3 * rng.random(count)))
 
     moved(alone), moved(), run.vjp(weights), run.jacobian()
     motion, gradient, jacobian = medians(
@@ -169,8 +169,8 @@ def of_vibrations(count, elements):
         return scene, (end, (0.0, 1.0)), end
 
     def response(x):
-        scene, load, at = build(x)
-        return fb.frequency_response(scene, load, at, frequencies)
+        scene, load, node = build(x)
+        return fb.frequency_response(scene, load, node, frequencies)
 
     return beside(fb.HarmonicResponse(build, frequencies), count, response)
 
@@ -211,8 +211,8 @@ def of_frame(count, cells):
 
     def build(x):
         sections = [fb.Section(EA=1e6 * k, GA=1e6 * k, EI=1e2, rhoA=1.0, rhoI=1e-2) for k in x]
-        of_column = [sections[column * count // (cells + 1)] for column in range(cells + 1)]
-        scene, nodes = struts(cells, section=of_column.__getitem__)
+        column_sections = [sections[column * count // (cells + 1)] for column in range(cells + 1)]
+        scene, nodes = struts(cells, section=column_sections.__getitem__)
         for j in range(cells + 1):
             scene.clamp(nodes[0, j])
         return scene
@@ -227,8 +227,8 @@ def fitted(build, count, steps):
     misfit = run.misfit({"tip": run(1.02 * x)[1]["tip"]})
     misfit.jacobian(x)
     fits = (
-        lambda of=of: least_squares(misfit, x, jac=of, bounds=(0.1, 10))
-        for of in (misfit.jacobian, "2-point")
+        lambda jacobian=jacobian: least_squares(misfit, x, jac=jacobian, bounds=(0.1, 10))
+        for jacobian in (misfit.jacobian, "2-point")
     )
     return medians(3, *fits, calls=1)
 
@@ -259,9 +259,9 @@ def main(elements=8, steps=200):
     analyses = {"vibration": of_vibrations, "buckling": of_buckling}
     if elements <= 128:  # derivatives by all variables of a state
         analyses["cycle"] = of_cycles
-    for name, of in analyses.items():
+    for name, analysis in analyses.items():
         for count in NUMBERS[1:]:
-            texts = [f"{value:.3g}" for value in of(count, elements)]
+            texts = [f"{value:.3g}" for value in analysis(count, elements)]
             print(row(name, count, *texts, "", ""), flush=True)
 
 

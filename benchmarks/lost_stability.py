@@ -35,7 +35,7 @@ def random_case(seed):
         "length": float(random.choice([0.1, 0.3, 1.0])),
         "height": float(np.exp(random.uniform(np.log(0.2e-3), np.log(5e-3)))),
         "severity": float(np.exp(random.uniform(np.log(0.7), np.log(most)))),
-        "by_weight": bool(random.integers(2)),
+        "is_weight": bool(random.integers(2)),
         "bend": float(10 ** random.uniform(-3, 0)) * float(random.choice([-1, 1])),
         "angle": float(random.choice([0.0, np.radians(37.0)])),
         "units": str(random.choice(list(UNITS))),
@@ -45,7 +45,7 @@ def random_case(seed):
     }
 
 
-def strip(kind, clamped, length, height, severity, by_weight, bend, angle, units, elements):
+def strip(kind, clamped, length, height, severity, is_weight, bend, angle, units, elements):
     """The scene, its beam, the direction in which it bends, and how it turns."""
     metre, kilogram = UNITS[units]
     metre, kilogram = 1 / metre, 1 / kilogram
@@ -56,7 +56,7 @@ def strip(kind, clamped, length, height, severity, by_weight, bend, angle, units
     along = np.array([np.cos(angle), np.sin(angle)])
     across = np.array([-along[1], along[0]])
     side = float(np.sign(bend)) * across
-    weighs = by_weight and kind != "spin"
+    weighs = is_weight and kind != "spin"
     scene = fb.Scene(gravity=tuple(9.81 * metre * side) if weighs else (0.0, 0.0))
     start = L * along if kind == "spin" else 0 * along
     beam = scene.add_beam([start, start + L * along], section, elements, degree=2)
@@ -72,8 +72,8 @@ def strip(kind, clamped, length, height, severity, by_weight, bend, angle, units
     elif kind == "push":
         if clamped:
             scene.fix(moved, "rotation")
-        by = -min(2 * strain, 0.2) * L * along
-        scene.prescribe(moved, x=by[0], y=by[1])
+        shift = -min(2 * strain, 0.2) * L * along
+        scene.prescribe(moved, x=shift[0], y=shift[1])
     else:
         guide = fb.Prismatic if clamped else fb.PinInSlot
         scene.add_joint(guide(fb.GROUND, moved, axis=tuple(along)))
@@ -123,13 +123,13 @@ def verdict(load_steps, continuation, **case):
 
 
 def main():
-    numbers = [int(of) for of in sys.argv[1:3]]
+    numbers = [int(text) for text in sys.argv[1:3]]
     count, first = (*numbers, *(500, 0)[len(numbers) :])
     logging.getLogger("fx_beam").propagate = False
     counts, times = Counter(), Counter()
     for seed in range(first, first + count):
         case, start = random_case(seed), perf_counter()
-        result, of = verdict(**case)
+        result, outcome = verdict(**case)
         seconds = perf_counter() - start
         name = f"{case['kind']:9}{case['continuation']:11}"
         counts[name + result] += 1
@@ -140,8 +140,11 @@ def main():
         f"{'kind':9}{'by':11}{'right':>9}{'refused':>9}{'unstable':>9}{'silent':>9}{'other':>9}{'s':>7}"
     )
     for name in sorted(times):
-        results = (counts[name + of] for of in ("right", "refused", "unstable", "silent", "other"))
-        print(name + "".join(f"{of:9}" for of in results) + f"{times[name]:7.1f}")
+        results = (
+            counts[name + outcome]
+            for outcome in ("right", "refused", "unstable", "silent", "other")
+        )
+        print(name + "".join(f"{outcome:9}" for outcome in results) + f"{times[name]:7.1f}")
 
 
 if __name__ == "__main__":

@@ -50,12 +50,12 @@ def main():
                     cost, solution = seconds(made)
                     pair.append(cost)
                 pairs.append(pair)
-            without, with_contact = np.median(pairs, axis=0)
+            free, touching = np.median(pairs, axis=0)
             ratio = np.median([b / a for a, b in pairs])
             stats, energy = solution.stats, solution.energy
             balance = abs(energy.balance_error).max() / energy.kinetic[0]
             print(
-                f"{elements:10} {way:8}{without * 1e6:12.0f}{with_contact * 1e6:12.0f}{ratio:8.2f}"
+                f"{elements:10} {way:8}{free * 1e6:12.0f}{touching * 1e6:12.0f}{ratio:8.2f}"
                 f"{stats.newton_iterations / stats.steps:10.2f}{balance:12.0e}",
                 flush=True,
             )

@@ -55,10 +55,10 @@ def simulated(scene, steps, record):
 
 def stepped(motion, start, steps, now=perf_counter):
     motion.restore(start)
-    given = INPUTS if motion.inputs else {}
+    inputs = INPUTS if motion.inputs else {}
     clock = now()
     for _ in range(steps):
-        motion.step(dict(given))
+        motion.step(dict(inputs))
     return (now() - clock) / steps
 
 
@@ -66,14 +66,14 @@ def main(steps=4000, runs=15):
     scene, outputs = arm()
     nothing = fb.Record(every=10**6, motion=False, rates=False, forces=False)
     print(f"{'':34}{'simulate':>10}{'Motion':>10}{'more':>10}   [us a step]")
-    for name, by_simulate, by_motion in (
+    for name, simulate_time, motion_time in (
         ("nothing recorded", nothing, None),
         ("every step recorded", fb.Record(), fb.Record()),
     ):
-        motion = fb.Motion(scene, dt=DT, outputs=outputs, record=by_motion)
+        motion = fb.Motion(scene, dt=DT, outputs=outputs, record=motion_time)
         start, found = motion.snapshot(), []
         for _ in range(runs):
-            pair = simulated(scene, steps, by_simulate), stepped(motion, start, steps)
+            pair = simulated(scene, steps, simulate_time), stepped(motion, start, steps)
             found.append([1e6 * pair[0], 1e6 * pair[1], 1e6 * (pair[1] - pair[0])])
         print(f"{name:34}" + "".join(f"{median(row):10.1f}" for row in zip(*found, strict=True)))
     motion = fb.Motion(scene, dt=DT, outputs=outputs)

@@ -82,10 +82,10 @@ def measured(build, dt, calls):
     try:
         run(np.ones(2))
         alone, _ = lowest(build)
-        (by_simulate, steps), (by_response, _) = lowest(simulated), lowest(run)
+        (simulate_time, steps), (response_time, _) = lowest(simulated), lowest(run)
     finally:
         CompiledLoop._steps = run_steps
-    return alone, steps, by_simulate - alone, by_response - alone
+    return alone, steps, simulate_time - alone, response_time - alone
 
 
 def main(calls=200):

@@ -53,7 +53,7 @@ def rocking(dt, t_end):
     }
     turned = {name: np.array([c * x - s * y, s * x + c * y]) for name, (x, y) in corners.items()}
     centre = np.array([0.0, -turned["l"][1]])  # it stands on the left corner, turned to the left
-    points = {name: tuple(centre + at) for name, at in turned.items()}
+    points = {name: tuple(centre + arm) for name, arm in turned.items()}
     block = scene.add_body(tuple(centre), MASS, INERTIA, points)
     law = {"restitution": 0.0, "speed": 1e-3, "friction": fb.Coulomb(2.0, STIFFNESS)}
     for name in corners:
@@ -71,7 +71,7 @@ def main():
     print("impacts on a rigid floor at", *(f"{1e3 * t:.2f}" for t in exact), "ms")
     print(f"a contact lasts {1e3 * CONTACT:.2f} ms; steps in it, impacts later than with most [ms]")
     for steps, found in times.items():
-        print(f"{steps:4}", *(f"{1e3 * of:8.3f}" for of in found - times[STEPS[-1]]))
+        print(f"{steps:4}", *(f"{1e3 * error:8.3f}" for error in found - times[STEPS[-1]]))
     print("and with these later than on a rigid floor", 1e3 * (times[STEPS[-1]] - exact))
 
 

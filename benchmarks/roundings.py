@@ -46,8 +46,8 @@ def main(number=20):
                     ]
                     failed, halvings, drift = zip(*runs, strict=True)
                     count = f"{min(halvings)} to {max(halvings)}"
-                    of = f"{sum(failed)} of {number}"
-                    print(line(example, scheme.name, dt, limit, of, count, f"{max(drift):.1e}"))
+                    share = f"{sum(failed)} of {number}"
+                    print(line(example, scheme.name, dt, limit, share, count, f"{max(drift):.1e}"))
 
 
 if __name__ == "__main__":

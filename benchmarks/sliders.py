@@ -42,9 +42,11 @@ def mass(elements, degree, slides):
 
 def carriages(elements, degree, number, make=fb.Slider):
     scene, beam = guide(elements, degree)
-    between = min(1.2, 5.0 / number)
-    for at in 0.5 + between * np.arange(number):
-        axle = scene.add_beam([(at, 0), (at + between / 2, 0)], SECTION, degree=degree, elements=1)
+    spacing = min(1.2, 5.0 / number)
+    for place in 0.5 + spacing * np.arange(number):
+        axle = scene.add_beam(
+            [(place, 0), (place + spacing / 2, 0)], SECTION, degree=degree, elements=1
+        )
         for wheel in (axle.start, axle.end):
             scene.add_mass(wheel, 0.4, inertia=0.05)
             scene.add_joint(make(beam, wheel))
@@ -88,8 +90,8 @@ def main(*sizes):
                     runs[name].append([*few, *all_])  # the first one has the set-up of this scene
             best = {}
             for name in SCENES:
-                few, at_first, all_, iterations = np.min(runs[name], axis=0)
-                best[name] = 1e3 * (all_ - few) / (iterations - at_first)
+                few, first_time, all_, iterations = np.min(runs[name], axis=0)
+                best[name] = 1e3 * (all_ - few) / (iterations - first_time)
             row = "".join(f"{set_up[n]:10.2f}{best[n]:7.3f}" for n in SCENES)
             print(f"{degree:6} {elements:8} {row}", flush=True)
 

@@ -632,12 +632,17 @@ def tolerances_page(cells):
     """Largest tolerance from which on verdicts do not change, and largest errors by tolerance."""
     rows = []
     for scheme, own in grouped(cells, "scheme").items():
-        at = grouped(own, "case.label")
-        kinds = [[cell.verdict.kind for cell in some] for some in at.values()]
+        groups_by_label = grouped(own, "case.label")
+        kinds = [[cell.verdict.kind for cell in some] for some in groups_by_label.values()]
         final = [
-            label for k, label in enumerate(at) if all(kind == kinds[-1] for kind in kinds[k:])
+            label
+            for k, label in enumerate(groups_by_label)
+            if all(kind == kinds[-1] for kind in kinds[k:])
         ]
-        errors = {f"largest error, {t}": max(c.verdict.worst for c in at[t]) for t in at}
+        errors = {
+            f"largest error, {t}": max(c.verdict.worst for c in groups_by_label[t])
+            for t in groups_by_label
+        }
         rows.append({"scheme": scheme, "no verdict changes below": final[0]} | errors)
     return section("Verdicts and errors by tolerance", rows)
 
@@ -777,30 +782,30 @@ def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
     units = compare_units()
     reporting.write_json(results / "units.json", units)
     title = "effect of Newton's tolerance"
-    by_tolerance = studied(
+    tolerance_studies = studied(
         results / "tolerances", schemes, tolerances(quick), title, how, tolerances_page
     )
     few = {"alphas": (0.0, -0.05, -0.1), "radii": (0.9,)} if quick else {}
     title = "effect of numerical damping"
-    by_damping = studied(results / "damping", SCAN.schemes(**few), dampings(quick), title, how)
+    damping_studies = studied(results / "damping", SCAN.schemes(**few), dampings(quick), title, how)
     title = "rigid loops over the free parameters of Newmark's family"
     loops = [*rigid_loops(quick, LOOP_STEPS[::2])][: 1 if quick else None]
-    by_parameter = studied(results / "parameters", family(quick), loops, title, how)
+    parameter_studies = studied(results / "parameters", family(quick), loops, title, how)
     questions = {group.__name__: list(group(quick)) for group in GROUPS}
     cases = [case for own in questions.values() for case in own]
     title = "stiff and extreme cases"
     cells = studied(results / "cases", schemes, cases, title, how, lambda _: units_page(units))
     asked = {case.name: name for name, cases in questions.items() for case in cases}
-    by_question: dict[str, list] = {name: [] for name in questions}
+    answers: dict[str, list] = {name: [] for name in questions}
     for cell in cells:
-        by_question[asked[cell.case.name]].append(cell)
-    words = {name.replace("_", " "): of for name, of in by_question.items()}
+        answers[asked[cell.case.name]].append(cell)
+    words = {name.replace("_", " "): answer for name, answer in answers.items()}
     draw_summary(results / "cases_by_question.png", words)
     for name in [*questions][: 1 if quick else None]:
-        draw_map(results / f"cases_{name}.png", by_question[name], slots=16)
-        (results / f"cases_{name}.txt").write_text(listed(by_question[name]))
+        draw_map(results / f"cases_{name}.png", answers[name], slots=16)
+        (results / f"cases_{name}.txt").write_text(listed(answers[name]))
     print(f"{perf_counter() - clock:.0f} s")
-    return cells, by_tolerance, units, by_damping, by_parameter
+    return cells, tolerance_studies, units, damping_studies, parameter_studies
 
 
 if __name__ == "__main__":
@@ -810,5 +815,5 @@ if __name__ == "__main__":
     parser.add_argument("--quick", action="store_true", help="a short form, about a minute")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes that compute")
     parser.add_argument("results", nargs="?", type=Path, help="directory to write to")
-    given = parser.parse_args()
-    main(given.quick, given.results or ROOT / "results" / "stability", given.jobs)
+    arguments = parser.parse_args()
+    main(arguments.quick, arguments.results or ROOT / "results" / "stability", arguments.jobs)

@@ -85,7 +85,7 @@ def main(other=ROOT, runs=15):
         rows = [[ask(process, number) for process in processes] for _ in range(runs)]
         before, now = (min(row[k][0] for row in rows) for k in range(2))
         ratio = median(row[1][0] / row[0][0] for row in rows)
-        iterations = ", ".join(f"{of:.2f}" for _, of in rows[0])
+        iterations = ", ".join(f"{count:.2f}" for _, count in rows[0])
         what = " ".join(map(str, (name, *arguments)))
         print(f"{what:>20}, {dt:5}{before:10.2f}{now:10.2f}", end="")
         print(f"{now / before:10.3f}{ratio:9.3f}         {iterations}")

@@ -149,8 +149,10 @@ def held_iterations(number):
             now = motion.stats.newton_iterations
             counts.append(now - before)
             before = now
-    of_steps = np.array(counts).reshape(number, -1)
-    return of_steps.mean(), of_steps.reshape(-1, LANES, of_steps.shape[1]).max(axis=1).mean()
+    step_counts = np.array(counts).reshape(number, -1)
+    return step_counts.mean(), step_counts.reshape(-1, LANES, step_counts.shape[1]).max(
+        axis=1
+    ).mean()
 
 
 def parts(number):
@@ -166,9 +168,9 @@ def parts(number):
     names = "build", "set its numbers", "the steps in C", "all else around them"
     for name, times in zip((*names, "all"), (*rows.T, rows.sum(axis=1)), strict=True):
         print(row(name, f"{1e3 * np.median(times):.3f}", f"{1e3 * times.min():.3f}"))
-    one, many, most = (1e6 * (times[:, 2] / times[:, -1]).min() for times in found.values())
-    print("an iteration [us]: " + ", ".join(f"{time:.3f}" for time in (one, many, most)))
-    other = (many - one) / (ELEMENTS - 1)
+    single, many, most = (1e6 * (times[:, 2] / times[:, -1]).min() for times in found.values())
+    print("an iteration [us]: " + ", ".join(f"{time:.3f}" for time in (single, many, most)))
+    other = (many - single) / (ELEMENTS - 1)
     block = (most - many) / 3 - ELEMENTS * other
     mean, held = held_iterations(10 * LANES)
     print(f"a block of elements {block:.3f} with 8; all else {many - block:.3f}")

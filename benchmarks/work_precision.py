@@ -362,7 +362,7 @@ def write_overview(results, found):
         for example, own in itertools.groupby(rows, lambda row: row["example"])
     ]
     paths = [(title(n, s, q := next(iter(s.references))), s, q) for n, s in found.items()]
-    draw_dots(results / "dots.png", [(words.replace(": ", "\n"), *of) for words, *of in paths])
+    draw_dots(results / "dots.png", [(words.replace(": ", "\n"), *look) for words, *look in paths])
     pictures = {}
     for key, words, study, quantity, kind in panels_of(found):
         draw_fronts(results / f"front_{key}.png", [(words, study, quantity)], kind)
@@ -430,6 +430,6 @@ if __name__ == "__main__":
     parser.add_argument("--quick", action="store_true", help="a short form, under a minute")
     parser.add_argument("--docs", action="store_true", help="renew the docs' table and pictures")
     parser.add_argument("results", nargs="?", type=Path, help="directory to write to")
-    given = parser.parse_args()
-    more = {"results": given.results} if given.results else {}
-    main(given.quick, docs=given.docs, **more)
+    arguments = parser.parse_args()
+    more = {"results": arguments.results} if arguments.results else {}
+    main(arguments.quick, docs=arguments.docs, **more)

@@ -115,7 +115,8 @@ class Steps:
         ----------
         resultants : callable
             ``resultants(step, law)`` gives the `Resultants` of a step as UFL expressions, as in
-            `Scheme`; they may contain Functions and Constants on `mesh`.
+            `Scheme`; they may contain Functions and Constants on `mesh`. The couple that acts is
+            `m`; `M` is what solutions have: change both.
         strain_energy : callable, optional
             ``strain_energy(eps, gamma, kappa)`` gives the stored energy at the end of a step [J/m],
             for `energies` and for solutions; without it the strain energy is nan there.

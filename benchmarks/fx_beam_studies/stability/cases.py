@@ -288,8 +288,8 @@ class Case:
         for name, value in (("dt", self.dt), ("t_end", self.t_end)):
             positive(value, f"{self.name}: {name}")
         fewest, what = (FEWEST, "the law of a drift") if self.drifts else (1, "a run")
-        if (given := self.t_end / self.dt) < fewest * (1 - 1e-6):
-            raise SceneError(f"{self.name}: {what} needs {fewest} or more steps, not {given:.3g}")
+        if (steps := self.t_end / self.dt) < fewest * (1 - 1e-6):
+            raise SceneError(f"{self.name}: {what} needs {fewest} or more steps, not {steps:.3g}")
 
     @property
     def name(self) -> str:

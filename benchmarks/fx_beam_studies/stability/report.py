@@ -113,13 +113,13 @@ def _bands(cells: list[Cell], slots: int) -> list[dict[int, list[Cell]]]:
     """Groups that fit side by side, by the index of their first case."""
     bands: list[dict[int, list[Cell]]] = [{}]
     left = 0
-    for group, of_group in grouped(cells, "case.group").items():
+    for group, own_cells in grouped(cells, "case.group").items():
         letters = max(map(len, group.split(": ")))  # of the title, 7 to a slot
-        width = max(len(grouped(of_group, "case.label")) + 1, -(-letters // 7))
+        width = max(len(grouped(own_cells, "case.label")) + 1, -(-letters // 7))
         if left and left + width > slots + 1:
             bands.append({})
             left = 0
-        bands[-1][left] = of_group
+        bands[-1][left] = own_cells
         left += width
     return bands
 
@@ -228,15 +228,15 @@ def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
         For what is no cell of a study.
     """
     rows: dict[str, dict[str, float]] = {}
-    for scheme, of_scheme in grouped(cells, "scheme").items():
-        kinds = Counter(cell.verdict.kind for cell in of_scheme)
-        keeping = [c for c in of_scheme if c.verdict.kind == "kept"]
-        losses = [c.verdict.amount for c in of_scheme if c.verdict.kind in ("damped", "lost")]
-        turned = [cell.verdict.kind != cell.other.kind for cell in of_scheme if cell.other]
+    for scheme, own_cells in grouped(cells, "scheme").items():
+        kinds = Counter(cell.verdict.kind for cell in own_cells)
+        keeping = [c for c in own_cells if c.verdict.kind == "kept"]
+        losses = [c.verdict.amount for c in own_cells if c.verdict.kind in ("damped", "lost")]
+        turned = [cell.verdict.kind != cell.other.kind for cell in own_cells if cell.other]
         rows[scheme] = {kind: kinds[kind] for kind in KINDS} | {
             "largest error where kept": max((c.verdict.worst for c in keeping), default=np.nan),
             "largest loss": max(losses, default=np.nan),
-            "largest gain": max(0.0, *(cell.verdict.gain for cell in of_scheme)),
+            "largest gain": max(0.0, *(cell.verdict.gain for cell in own_cells)),
             "steps halved often": sum(cell.halved_often for cell in keeping),
             "depends on rounding": len(turned),
             "verdict depends on rounding": sum(turned),
@@ -265,14 +265,18 @@ def _tables(cells: list[Cell]) -> list[str]:
         if (drift := cell.drift)
     ]
     reasons = [
-        {"case": cell.case.name, "scheme": cell.scheme, "t [s]": one.time}
-        | {"lowest ratio": one.lowest, "highest ratio": one.highest, "reason": one.reason}
+        {"case": cell.case.name, "scheme": cell.scheme, "t [s]": verdict.time}
+        | {
+            "lowest ratio": verdict.lowest,
+            "highest ratio": verdict.highest,
+            "reason": verdict.reason,
+        }
         for cell in cells
-        if (one := cell.verdict).reason
+        if (verdict := cell.verdict).reason
     ]
     return [
-        section(lost, [_lost(group, of_group) for group, of_group in groups.items()]),
-        *(section(group, _verdicts(of_group)) for group, of_group in groups.items()),
+        section(lost, [_lost(group, own_cells) for group, own_cells in groups.items()]),
+        *(section(group, _verdicts(own_cells)) for group, own_cells in groups.items()),
         section("Drift with the number of steps", drifts),
         section("Reasons for failed runs", reasons),
     ]
@@ -281,8 +285,8 @@ def _tables(cells: list[Cell]) -> list[str]:
 def _lost(group: str, cells: list[Cell]) -> dict[str, Any]:
     """Number of cases of a group in which each scheme gained energy, blew up or failed."""
     row: dict[str, Any] = {"group": group, "cases": len(grouped(cells, "case.label"))}
-    for scheme, of_scheme in grouped(cells, "scheme").items():
-        row[scheme] = sum(cell.verdict.kind in LOST_MOTION for cell in of_scheme) or None
+    for scheme, own_cells in grouped(cells, "scheme").items():
+        row[scheme] = sum(cell.verdict.kind in LOST_MOTION for cell in own_cells) or None
     return row
 
 

@@ -125,12 +125,12 @@ def observed_order(errors: Iterable[tuple[float, float]], floor: float) -> float
     return float(np.polyfit(log_h, log_e, 1)[0])
 
 
-def _rows(what: str, given: Any, n: int) -> np.ndarray:
+def _rows(what: str, numbers: Any, n: int) -> np.ndarray:
     """Values (n, k) of a number, for n = 1, or of a history (n,) or (n, k); None gives NaN."""
-    values = np.atleast_1d(np.nan if given is None else given)
+    values = np.atleast_1d(np.nan if numbers is None else numbers)
     if values.dtype.kind not in "fiub" or values.ndim > 2 or values.shape[-1] == 0:
         raise SceneError(
-            f"{what} must be a real number or an array (n,) or (n, k), not {given!r:.40} of "
+            f"{what} must be a real number or an array (n,) or (n, k), not {numbers!r:.40} of "
             f"{values.dtype} with the shape {values.shape}"
         )
     if len(values) != n:
@@ -301,8 +301,8 @@ def alike(fastest: dict[str, Run]) -> list[str]:
 
 def floor(study: Precision, quantity: str) -> float:
     """Relative error below which the errors of runs are not known; NaN without a reference."""
-    of_reference = study.references[quantity] or 0.0  # None if it is exact
-    return float(np.fmax(MARGIN * of_reference, np.finfo(float).eps))
+    reference_size = study.references[quantity] or 0.0  # None if it is exact
+    return float(np.fmax(MARGIN * reference_size, np.finfo(float).eps))
 
 
 def counted(study: Precision, quantity: str, run: Run) -> float:

@@ -150,8 +150,8 @@ def _fronts(ax, study: Precision, quantity: str, kind: Callable[[Run], str]) -> 
     low, known = ax.get_ylim()[0], floor(study, quantity)
     if study.references[quantity] is not None and low < known:
         ax.axhspan(low, known, color="0.92")
-        at = {"xycoords": ("axes fraction", "data"), "va": "top", "fontsize": 8, "color": "0.4"}
-        ax.annotate("errors are not known here", (0.01, known), **at)
+        place = {"xycoords": ("axes fraction", "data"), "va": "top", "fontsize": 8, "color": "0.4"}
+        ax.annotate("errors are not known here", (0.01, known), **place)
     if rows:
         ax.axhline(1, color="0.6", linewidth=0.8)
     ax.set_xticks(ticks := _ticks(*ax.get_xlim()), [f"{tick:g}" for tick in ticks])
@@ -201,8 +201,8 @@ def sentence(study: Precision, quantity: str) -> str:
     names = alike(fastest)
     others = [name for name in names if name != best.scheme and best.scheme in names]
     tie = f" About as fast: {', '.join(others)}." if others else ""
-    of_mesh = study.mesh_errors.get(best.mesh, {}).get(quantity, 0.0)
-    mesh = " The mesh limits it: smaller steps do not help." if of_mesh > error / 2 > 0 else ""
+    mesh_error = study.mesh_errors.get(best.mesh, {}).get(quantity, 0.0)
+    mesh = " The mesh limits it: smaller steps do not help." if mesh_error > error / 2 > 0 else ""
     return (
         f"{quantity}: the smallest error is {short(error)}, by {best}, in "
         f"{1e3 * best.seconds:.3g} ms.{tie}{mesh} The reference is {reference}. "
@@ -249,7 +249,7 @@ def write(path: Path | str, study: Precision) -> None:
         asdict(run) | {"lost": run.lost, "counts with": {q: counted(study, q, run) for q in names}}
         for run in study.runs
     ]
-    errors = [asdict(mesh) | by_quantity for mesh, by_quantity in study.mesh_errors.items()]
+    errors = [asdict(mesh) | quantity_errors for mesh, quantity_errors in study.mesh_errors.items()]
     numbers = {"t_end": study.t_end, "start": study.start, "timed runs of each": study.repetitions}
     numbers |= {"relative errors of the references": study.references, "reference": study.origin}
     numbers |= {"why there is no reference": study.missing, "sentences": sentences, **tables}

@@ -251,8 +251,8 @@ def _errors(precision: Precision, motion: _Motion, runs, fine, exact, executor, 
     completed = 0
     try:
         with closing(workers.run(motion.measure, [every[k] for k in queue], executor)) as outcomes:
-            for index, (given, _, error) in outcomes:
-                run, histories = done[queue[index]] = given or (every[queue[index]], {})
+            for index, (job, _, error) in outcomes:
+                run, histories = done[queue[index]] = job or (every[queue[index]], {})
                 run.failure = run.failure or error
                 if error and len(done) == 1:
                     raise SceneError(error)
@@ -282,8 +282,8 @@ def _compare(precision: Precision, measured, fine, exact: dict[str, History]) ->
     references = dict(exact)
     for name in list(precision.missing) if fine else ():
         try:
-            of_both = (_history(motion, name) for motion in fine[:2])
-            references[name] = accuracy.computed(name, *of_both)
+            both = (_history(motion, name) for motion in fine[:2])
+            references[name] = accuracy.computed(name, *both)
             precision.references[name] = references[name].error
             del precision.missing[name]
         except SceneError as wrong:
@@ -295,13 +295,13 @@ def _compare(precision: Precision, measured, fine, exact: dict[str, History]) ->
         mesh, errors = best[0].mesh, precision.mesh_errors.setdefault(best[0].mesh, {})
         for name in (name for name in references if name not in exact):
             try:
-                on_mesh = replace(_history(best, name), size=references[name].size)
+                mesh_history = replace(_history(best, name), size=references[name].size)
             except SceneError as wrong:
                 precision.missing[str(mesh)] = str(wrong)
                 continue
             errors[name] = _error(best, name, references[name])
             for solved in (solved for solved in measured if solved[0].mesh == mesh):
-                solved[0].step_errors[name] = _error(solved, name, on_mesh)
+                solved[0].step_errors[name] = _error(solved, name, mesh_history)
 
 
 def _history(measured: Measured, name: str) -> History:
