@@ -12,6 +12,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 # Environment variables that change what is included, linked or written: they are left out.
 _LEFT_OUT = {
@@ -65,25 +66,27 @@ def identity() -> str:
     Any of its words may be a program that starts another of its name, or the default: of each,
     all that are on the path count, by their place, size and time.
     """
-    return _identity(tuple(command()), _folders())
-
-
-@functools.cache
-def _identity(words: tuple[str, ...], folders: tuple[str, ...]) -> str:
-    names = {*words, os.path.basename(words[0]), _DEFAULT}
-    files = {os.path.realpath(os.path.join(f, name)) for f in folders for name in names}
-    status = [(file, os.stat(file)) for file in sorted(files) if os.path.isfile(file)]
-    return repr((words, [(file, stat.st_size, stat.st_mtime_ns) for file, stat in status]))
+    return _facts(tuple(command()), _folders()).identity
 
 
 def is_clang() -> bool:
     """Whether it is clang, by its name or that of its file, without a start."""
-    return sys.platform == "darwin" or _is_clang(tuple(command()))
+    return sys.platform == "darwin" or _facts(tuple(command()), _folders()).is_clang
+
+
+class _Facts(NamedTuple):
+    identity: str
+    is_clang: bool
 
 
 @functools.cache
-def _is_clang(words: tuple[str, ...]) -> bool:
-    return any("clang" in os.path.basename(path) for path in (*words, os.path.realpath(words[0])))
+def _facts(words: tuple[str, ...], folders: tuple[str, ...]) -> _Facts:
+    names = {*words, os.path.basename(words[0]), _DEFAULT}
+    files = {os.path.realpath(os.path.join(f, name)) for f in folders for name in names}
+    status = [(file, os.stat(file)) for file in sorted(files) if os.path.isfile(file)]
+    identity = repr((words, [(file, stat.st_size, stat.st_mtime_ns) for file, stat in status]))
+    programs = *words, os.path.realpath(words[0])
+    return _Facts(identity, any("clang" in os.path.basename(path) for path in programs))
 
 
 def run(arguments: Sequence[str], source: str, folder: Path) -> None:

@@ -36,7 +36,7 @@ def forget(monkeypatch):
     """As in a process that has loaded nothing."""
     for name in ("_things", "_user_things"):
         monkeypatch.setattr(c_library, name, {})
-    compiler._identity.cache_clear()
+    compiler._facts.cache_clear()
 
 
 def form():
