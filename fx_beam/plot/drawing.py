@@ -324,8 +324,17 @@ def line_between(drawing: Drawing, force: ForceBetween, rows) -> np.ndarray:
         else np.broadcast_to(point.position, shape)
         for point in force.points
     ]
-    rope_line = getattr(force, "outline", None)
-    return np.stack(lines, axis=-2) if rope_line is None else rope_line(np.stack(lines))
+    points, rope_line = np.stack(lines, axis=-2), getattr(force, "outline", None)
+    if rope_line is None:
+        return points
+    with np.errstate(invalid="ignore"):
+        line = rope_line(np.stack(lines))
+    # Magnified, a point may lie in a pulley: then the rope is straight.
+    places = np.linspace(0, len(lines) - 1, line.shape[-2])
+    before = np.minimum(places.astype(int), len(lines) - 2)
+    share = (places - before)[:, None]
+    straight = (1 - share) * points[..., before, :] + share * points[..., before + 1, :]
+    return np.where(np.isnan(line).any(axis=(-2, -1), keepdims=True), straight, line)
 
 
 def feet(drawing: Drawing, force: GroundSpring) -> list[tuple[int, np.ndarray, np.ndarray]]:

@@ -10,6 +10,7 @@ import pytest
 from scenes import clamped_bar, one_bar, one_body, pinned_bar
 
 import fx_beam as fb
+from fx_beam.plot.drawing import Drawing, line_between
 
 pytestmark = pytest.mark.plot
 ROPE = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
@@ -36,6 +37,21 @@ def swing(request):
     scene.add_joint(fb.Revolute(rope.end, disc.points["pin"]))
     scene.add_contact(rope, fb.Line((0, -3), (0, 1)), 1e4)
     return scene, rope, disc, fb.simulate(scene, dt=0.01, t_end=0.5)
+
+
+def test_a_rope_whose_magnified_points_lie_in_a_pulley_is_drawn_straight():
+    scene = fb.Scene()
+    wheel = scene.add_body((0, 0), 5.0, 0.1).centre
+    scene.fix(wheel, "x", "y")
+    load = scene.add_body((1.0, 0.0), 1.0, 0.1).centre
+    scene.set_velocity(load, (-1.0, 0.0))
+    points = [(-2.0, 0.0), fb.Pulley(wheel, 0.3, side="left"), load]
+    rope = scene.add_rope(points, spring=fb.Spring(1e-3, rest=10.0))
+    solution = fb.simulate(scene, dt=0.02, t_end=0.2)
+    start, end = line_between(Drawing(solution, [0, 10], 5.0), rope, [0, 10])  # 1 m to the left
+    assert np.isfinite(start).all() and abs(start[:, 1]).max() > 0.29  # over the wheel
+    np.testing.assert_allclose(end[[0, -1]], [(-2.0, 0.0), (0.0, 0.0)], atol=1e-3)
+    assert abs(end[:, 1]).max() < 1e-3
 
 
 def test_places_and_values_are_those_of_the_solution(swing):
