@@ -57,9 +57,9 @@ class BeamForms:
         parameters.add_energies(facts.energy_names)
         #: What they read.
         self.data = BeamData(scene, mesh, self.kind, facts, numbers, tags, parameters)
-        self._terms: dict[tuple[str, ...], dict[str, Term]] = {}
         #: Forms of a step on the mesh by name.
-        self.bound = self.terms("step_forms")
+        self.bound = self._placed(step)
+        self._terms: dict[tuple[str, ...], dict[str, Term]] = {}
         #: Names of the forms of forces.
         self.forces = ["internal forces"] + ["drag"] * ("drag" in self.bound)
         #: Whether forces may depend on rates, and may dissipate energy.
@@ -83,20 +83,21 @@ class BeamForms:
             ) from error
 
     def terms(self, method: str, *arguments: str) -> dict[str, Term]:
-        """Terms on the mesh by name, as a method of the writer gives them; each is made once.
-
-        Of several expressions at the Gauss points each belongs to one subdomain.
-        """
+        """Terms on the mesh by name, as a method of the writer gives them; each is made once."""
         if (key := (method, *arguments)) not in self._terms:
-            module, spaces = self.source.module(method, *arguments), self.data.spaces
-            known, terms = module.facts.get("spaces", {}), dict[str, Term]()
-            for i, (name, form) in enumerate(module.forms.items()):
-                if form.values and len(module.forms) > 1:
-                    form = form._replace(functions=[(i, form.functions[0][1])])
-                names = known.get(name, ["increment"] * form.arguments)
-                terms[name] = self.data.term(form, [spaces[space] for space in names])
-            self._terms[key] = terms
+            self._terms[key] = self._placed(self.source.module(method, *arguments))
         return self._terms[key]
+
+    def _placed(self, module: FormModule) -> dict[str, Term]:
+        """Forms on the mesh; each of several expressions at Gauss points is on one subdomain."""
+        spaces, known = self.data.spaces, module.facts.get("spaces", {})
+        terms = dict[str, Term]()
+        for i, (name, form) in enumerate(module.forms.items()):
+            if form.values and len(module.forms) > 1:
+                form = form._replace(functions=[(i, form.functions[0][1])])
+            names = known.get(name, ["increment"] * form.arguments)
+            terms[name] = self.data.term(form, [spaces[space] for space in names])
+        return terms
 
     # -- In one step ----------------------------------------------------------------------------
 

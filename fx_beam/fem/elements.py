@@ -70,7 +70,7 @@ class Symbols:
 
     def coefficient(self, space: Any) -> Any:
         """A function."""
-        return coefficient(space)
+        return _coefficients()(space)
 
     def constant(self, *shape: int) -> Any:
         """Numbers that are constant on the mesh."""
@@ -110,11 +110,6 @@ def _coefficients() -> type:
             return f"w{self.count()}"
 
     return Coefficient
-
-
-def coefficient(space):
-    """UFL's symbol for a function."""
-    return _coefficients()(space)
 
 
 def measure(ufl_domain, points: int):
