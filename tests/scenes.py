@@ -99,8 +99,7 @@ def hinged_body(place, mass, inertia, points, gravity=None, **laws):
     """A scene with a body on a hinge of the ground at the first of its points; and the hinge."""
     scene = fb.Scene(gravity=gravity)
     body = scene.add_body(place, mass, inertia, points=points)
-    hinge = fb.Revolute(fb.GROUND, body[next(iter(points))], **laws)
-    return scene, body, scene.add_joint(hinge)
+    return scene, body, scene.add_joint(fb.Revolute(fb.GROUND, body[next(iter(points))], **laws))
 
 
 def held_body(place, mass, inertia, *fixed, gravity=None):
@@ -126,8 +125,7 @@ def pinned_beam(elements=8, degree=1, section=PINNED):
 def pendulum(EA=1e10, EI=1e3):
     """Massless beam of length 0.5 hanging at rest, mass 1 at its end, an exact 45 degree swing."""
     scene = fb.Scene(gravity=(0, -9.81))
-    section = fb.Section(EA=EA, GA=EA, EI=EI)
-    beam = scene.add_beam([(0, 0), (0, -0.5)], section, elements=1)
+    beam = scene.add_beam([(0, 0), (0, -0.5)], fb.Section(EA=EA, GA=EA, EI=EI), elements=1)
     scene.pin(beam.start)
     scene.add_mass(beam.end, 1.0)
     scene.set_velocity(beam.end, (1.695, 0))

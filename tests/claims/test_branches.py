@@ -225,8 +225,7 @@ def hinged_columns(stiffness, load):
     scene, tops = fb.Scene(), []
     for x, c in enumerate(stiffness):
         bar = scene.add_beam([(x, 0), (x, 1)], stiff, elements=1)
-        hinge = fb.Revolute(fb.GROUND, bar.start, spring=fb.Spring(stiffness=c))
-        scene.add_joint(hinge)
+        scene.add_joint(fb.Revolute(fb.GROUND, bar.start, spring=fb.Spring(stiffness=c)))
         scene.add_force(bar.end, (0, -load))
         tops.append(bar.end)
     return scene, tops

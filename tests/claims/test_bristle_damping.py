@@ -171,8 +171,7 @@ def test_critical_damping_does_not_depend_on_the_order_of_bodies_and_joints():
     for masses in ((1.0, 5.0), (5.0, 1.0)):
         scene = fb.Scene(gravity=(0, -GRAVITY))
         a, b = (scene.add_body((0, 0), mass, inertia=0.1).centre for mass in masses)
-        rail = fb.Prismatic(a, b, axis=(1, 0), friction=fb.Coulomb(0.3, 1e4))
-        scene.add_joint(rail)
+        scene.add_joint(fb.Prismatic(a, b, axis=(1, 0), friction=fb.Coulomb(0.3, 1e4)))
         ((found, _),) = fb.simulate(scene, dt=1e-3, t_end=1e-3).stats.friction_damping.values()
         assert found == pytest.approx(2 * sqrt(5 / 6 / 1e4), rel=1e-12)
 

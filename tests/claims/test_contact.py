@@ -59,8 +59,7 @@ def roller(shape, velocity=(1.0, 0.6)):
 
 def cantilever(k, at=0.0, load=-1.0, rhoA=0.0):
     """A beam of 2 m under a line load, its end above a floor of the stiffness k."""
-    section = fb.Section(EA=1e8, GA=1e8, EI=1e3, rhoA=rhoA)
-    scene, beam = clamped_bar((2, 0), section, elements=32)
+    scene, beam = clamped_bar((2, 0), fb.Section(EA=1e8, GA=1e8, EI=1e3, rhoA=rhoA), elements=32)
     scene.add_line_load(beam, (0, load))
     return scene, scene.add_contact(beam.end, fb.Line((0, at), normal=(0, 1)), k)
 
@@ -362,8 +361,7 @@ def test_a_contact_law_with_restitution_returns_its_square_of_the_energy():
 @pytest.mark.parametrize("gap", [8.9e-6, 1.45e-5])
 def test_an_obstacle_far_stiffer_than_a_beam_props_it_after_a_small_gap(gap, k):
     """Behind the gap the beam moves less than Newton's method resolves."""
-    section = fb.Section(EA=1e4, GA=1e6, EI=1.0)
-    scene, beam = clamped_bar((1, 0), section, elements=8, degree=3)
+    scene, beam = clamped_bar((1, 0), fb.Section(EA=1e4, GA=1e6, EI=1.0), elements=8, degree=3)
     stop = scene.add_contact(beam.end, fb.Line((0, -gap), normal=(0, 1)), k)
     scene.add_force(beam.end, (0, -0.01))
     force = fb.static(scene, load_steps=4).contact(stop).force[-1, 0, 1]
@@ -464,8 +462,7 @@ def test_a_circle_that_is_pressed_into_a_cantilever_takes_it_along(gap, load_ste
     """Its centre ends where a node of the beam was, at which the gap has no direction."""
 
     def end(steps):
-        section = fb.Section(EA=1e4, GA=4e3, EI=1.0)
-        scene, beam = clamped_bar((1, 0), section, elements=10)
+        scene, beam = clamped_bar((1, 0), fb.Section(EA=1e4, GA=4e3, EI=1.0), elements=10)
         ball = scene.add_body((0.8, 0.05 + gap), mass=1.0, inertia=1.0).centre
         scene.prescribe(ball, x=0.0, y=-(gap + 0.05), rotation=0.0)
         scene.add_contact(beam, fb.Circle(ball, 0.05), stiffness=1e5)

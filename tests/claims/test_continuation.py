@@ -215,8 +215,7 @@ def test_a_path_that_runs_off_is_given_up_and_its_limit_points_are_named():
 
 def pulled(energy):
     """A body on a guide whose spring has this energy, and a load of 2 N."""
-    spring = fb.Spring(strain_energy=energy)
-    scene, body, _ = guided_body((1, 0), 1.0, 1.0, spring=spring)
+    scene, body, _ = guided_body((1, 0), 1.0, 1.0, spring=fb.Spring(strain_energy=energy))
     scene.add_force(body, (2.0, 0))
     return scene
 

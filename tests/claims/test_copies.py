@@ -182,8 +182,7 @@ def test_a_copied_solution_gives_all_that_the_original_gives(copied):
 @every_way
 def test_a_solution_without_motion_and_one_of_statics_can_be_copied(copied):
     scene, joint = jointed()
-    record = fb.Record(motion=False)
-    other = copied(fb.simulate(scene, dt=0.02, t_end=0.1, record=record))
+    other = copied(fb.simulate(scene, dt=0.02, t_end=0.1, record=fb.Record(motion=False)))
     assert len(other.joint(joint).force) == 6
     with pytest.raises(ValueError, match="motion not recorded"):
         other.resultants(scene.beams[0])
@@ -220,8 +219,7 @@ def test_a_linear_system_can_be_copied_and_reads_the_same_states(copied, turns):
 
 @every_way
 def test_periodic_motions_and_families_can_be_copied(copied):
-    spring = fb.Spring(stiffness=1.0)
-    scene, body, _ = guided_body((0, 0), 1.0, 1.0, spring=spring)
+    scene, body, _ = guided_body((0, 0), 1.0, 1.0, spring=fb.Spring(stiffness=1.0))
     swing = fb.periodic(scene, mode=0, amplitude=0.1)
     family = fb.backbone(scene, amplitude=0.2)
     assert (copied(swing).solution.q == swing.solution.q).all()

@@ -125,8 +125,7 @@ def test_a_bar_that_yields_as_it_snaps_through_unloads_where_it_is_shortest():
         excess = ufl.max_value(abs(trial) - most, 0)
         return [old[0] + ufl.sign(trial) * excess / (EA + H)]
 
-    variables = fb.InternalVariables(("a",), flow)
-    section = fb.Section(strain_energy=energy, internal=variables)
+    section = fb.Section(strain_energy=energy, internal=fb.InternalVariables(("a",), flow))
     scene, bar = supported_bar((1, rise), section, elements=1, held="x", load=(0.0, -1.0))
     path = fb.static(scene, 40, continuation="arc-length")
     assert path.load_factor[-1] == 1

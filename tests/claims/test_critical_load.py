@@ -240,8 +240,7 @@ def test_two_modes_at_once_have_no_derivatives():
     def build(x):
         scene, _ = hinged([0.0, x[0]])
         bar = scene.add_beam([(1, 0), (1, 1)], scene.beams[0].section, elements=1)
-        joint = fb.Revolute(fb.GROUND, bar.start, spring=fb.Spring(stiffness=10.0))
-        scene.add_joint(joint)
+        scene.add_joint(fb.Revolute(fb.GROUND, bar.start, spring=fb.Spring(stiffness=10.0)))
         scene.add_force(bar.end, (0, -15.0))
         return observed(scene)
 

@@ -162,8 +162,7 @@ def test_columns_that_differ_and_buckle_at_once_are_one_point():
 
 
 def test_becks_column_flutters_at_its_load():
-    section = fb.Section(EA=1e8, GA=1e8, EI=EI, rhoA=1.0, rhoI=1e-9)
-    scene, beam = clamped_bar((0, 1), section, 8, 3)
+    scene, beam = clamped_bar((0, 1), fb.Section(EA=1e8, GA=1e8, EI=EI, rhoA=1.0, rhoI=1e-9), 8, 3)
     scene.add_force(beam.end, (0, -22.0), follower=True)
     (point,) = fb.static(scene, load_steps=11).critical_points
     assert point.kind == "flutter"

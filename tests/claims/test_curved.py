@@ -117,8 +117,7 @@ def test_breaks_help_to_measure_and_change_nothing():
     found = []
     for breaks in ((), (1 / 3,), [0.0, 1 / 3, 1.0]):
         calls = 0
-        curve = fb.Curve(function, breaks=breaks)
-        beam = fb.Scene().add_beam(curve, FLYING, elements=6)
+        beam = fb.Scene().add_beam(fb.Curve(function, breaks=breaks), FLYING, elements=6)
         found.append((calls, beam.length))
     assert found[0][1] == pytest.approx(found[1][1], rel=1e-11)
     assert found[1] == found[2] and found[1][0] < 0.1 * found[0][0]

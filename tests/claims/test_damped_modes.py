@@ -44,8 +44,7 @@ def frame(c, elements=14, tau=0.0, free=False, drag=0.0):
         scene.add_virtual_work(lambda step: -drag * ufl.dot(step.v, step.virtual_u), post)
     if not free:
         scene.clamp(post.start)
-        guide = fb.PinInSlot(fb.GROUND, arm.end, axis=(0.6, 0.8), damper=fb.Damper(3 * c))
-        scene.add_joint(guide)
+        scene.add_joint(fb.PinInSlot(fb.GROUND, arm.end, axis=(0.6, 0.8), damper=fb.Damper(3 * c)))
     return scene
 
 
@@ -143,8 +142,7 @@ def standard_solid(m, k, series, c, c_of_mass=0.0, elements=1):
     of_mass = fb.Damper(c_of_mass) if c_of_mass else None
     ends = (mass.start, fb.Spring(k), of_mass), (between.start, None, fb.Damper(c))
     for node, spring, damper in ends:
-        guide = fb.Prismatic(fb.GROUND, node, axis=(1, 0), spring=spring, damper=damper)
-        scene.add_joint(guide)
+        scene.add_joint(fb.Prismatic(fb.GROUND, node, axis=(1, 0), spring=spring, damper=damper))
     scene.add_force_between(mass.start, between.start, spring=fb.Spring(series))
     scene.add_mass(mass.start, m)
     chain = scene.add_beam([(0, 5), (1, 5)], section(), elements=elements, degree=1)

@@ -109,8 +109,7 @@ def test_the_amplification_is_that_of_the_formula(w, kept):
 @pytest.mark.parametrize("w", [0.01, 1, 10, 100, 1e4])
 def test_an_oscillator_follows_the_amplification_matrix(w, order):
     # A massless rod of stiffness w^2 with a unit mass at its end, dt = 1.
-    section = fb.Section(EA=w**2, GA=w**2, EI=w**2)
-    scene, rod = clamped_bar((1, 0), section, elements=1)
+    scene, rod = clamped_bar((1, 0), fb.Section(EA=w**2, GA=w**2, EI=w**2), elements=1)
     scene.fix(rod.end, "y", "rotation")
     scene.add_mass(rod.end, 1.0)
     speed = 1e-3 * max(1, w) ** 2

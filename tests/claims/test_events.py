@@ -168,8 +168,7 @@ def test_a_contact_just_before_the_end_leaves_no_step_of_round_off(after):
 def test_rows_between_constant_steps_do_not_reach_over_a_contact():
     def largest(times):
         scene, node = floor(1e4)
-        record = fb.Record(times=times)
-        solution = fb.simulate(scene, dt=5e-3, t_end=0.319, record=record)
+        solution = fb.simulate(scene, dt=5e-3, t_end=0.319, record=fb.Record(times=times))
         return abs(solution.position(node)[:, 1] - exact(solution.t, 1e4)[0]).max()
 
     # In flight steps of order 2 are exact, and so is a polynomial through flight alone.
@@ -207,8 +206,7 @@ def test_a_kink_that_a_parameter_moves_is_an_event_of_its_own_time():
 
     accurate = {"rtol": 1e-11, "atol": 1e-11, "max_step": 1e-3}
     for tolerance in (1e-3, 1e-4):
-        scheme = fb.EnergyMomentum(order=4)
-        solution = fb.simulate(scene, scheme, t_end=1.0, tolerance=tolerance)
+        solution = fb.simulate(scene, fb.EnergyMomentum(order=4), t_end=1.0, tolerance=tolerance)
         exact = solve_ivp(rates, (0, 1.0), [0, 0], t_eval=solution.t, **accurate)
         error = abs(solution.displacement(ball)[:, 1] - exact.y[0]).max()
         assert error < 5 * tolerance

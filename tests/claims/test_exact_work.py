@@ -15,8 +15,7 @@ def stiffening(eps, gamma, kappa):
 
 def whirling_arc(degree, section):
     """A free arc of two elements that turns by up to 1.2 rad a step."""
-    curve = fb.arc((0, 0), (2, 1), (4, 0))
-    scene, arc = one_bar(curve, section, elements=2, degree=degree)
+    scene, arc = one_bar(fb.arc((0, 0), (2, 1), (4, 0)), section, elements=2, degree=degree)
     scene.set_velocity(arc, lambda x, y: (-8 * y, 8 * (x - 2) + 3 * y**2), spin=8.0)
     return scene
 

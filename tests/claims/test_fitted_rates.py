@@ -399,8 +399,7 @@ def test_rows_farther_apart_have_the_same_forces_beside_a_slide_that_moves():
         body = scene.add_body((1.1, 0.1), mass=0.5, inertia=0.02)
         guide = {"offset": (0.1, 0.1), "axis": (1, 0.3)}
         joint = scene.add_joint(fb.Prismatic(arm.end, body.centre, **guide))
-        record = fb.Record(every=every)
-        return fb.simulate(scene, dt=0.005, t_end=0.3, record=record), joint
+        return fb.simulate(scene, dt=0.005, t_end=0.3, record=fb.Record(every=every)), joint
 
     (whole, joint), (rows, same) = motion(1), motion(3)
     force = whole.joint(joint).force[::3]

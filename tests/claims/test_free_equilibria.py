@@ -152,8 +152,7 @@ def test_derivatives_of_an_equilibrium_that_no_support_holds():
     """The beam shortens by T L / (EA + K L)."""
 
     def build(x):
-        section = fb.Section(EA=x[0], GA=3e7, EI=EI)
-        scene, beam = one_bar((L, 0), section, elements=2)
+        scene, beam = one_bar((L, 0), fb.Section(EA=x[0], GA=3e7, EI=EI), elements=2)
         scene.add_force_between(beam.start, beam.end, spring=fb.Spring(K, rest=L - x[1] / K))
         ends = {"start": beam.start, "end": beam.end}
         return scene, {name: fb.Output("position", node) for name, node in ends.items()}

@@ -34,8 +34,7 @@ def block(velocity=2.0, axis=(3, 4), mass=2.0, gravity=None, load=None, **parts)
 
 def weighted(mu, stiffness=1e5, velocity=3.0, axis=(1, 0), **options):
     """A block with weight on a rail whose friction follows its force."""
-    friction = fb.Coulomb(mu, stiffness)
-    return block(velocity, axis, gravity=(0, -G), friction=friction, **options)
+    return block(velocity, axis, gravity=(0, -G), friction=fb.Coulomb(mu, stiffness), **options)
 
 
 def assert_balanced(solution, largest=1e-10):
@@ -209,8 +208,7 @@ def test_a_force_that_its_own_friction_changes_has_the_exact_acceleration(mu, sp
     scene, cart = held_body((0, 0), mass=1.0, inertia=0.1, gravity=(0, -G))
     rider = scene.add_body((0, 0), mass=mass, inertia=0.1).centre
     scene.add_joint(fb.Prismatic(fb.GROUND, cart, axis=(1, 0)))
-    slide = fb.Prismatic(cart, rider, axis=(c, -s), friction=fb.Coulomb(mu, 1e6))
-    rail = scene.add_joint(slide)
+    rail = scene.add_joint(fb.Prismatic(cart, rider, axis=(c, -s), friction=fb.Coulomb(mu, 1e6)))
     scene.set_velocity(rider, (speed * c, -speed * s))
     solution = fb.simulate(scene, dt=2e-3, t_end=0.1)
     signed = mu * np.sign(speed)
@@ -278,8 +276,7 @@ def test_on_a_steep_rail_or_beam_it_rests_or_slides(kind, part):
 
 def test_a_block_on_a_spring_turns_and_stops_where_it_should():
     """Half periods of pi / w, each with 2 mu N / k less; at rest below mu N / k."""
-    spring = fb.Spring(100.0, rest=-0.2)
-    scene, centre, _ = weighted(0.3, 1e6, 0.0, mass=1.0, spring=spring)
+    scene, centre, _ = weighted(0.3, 1e6, 0.0, mass=1.0, spring=fb.Spring(100.0, rest=-0.2))
     solution = fb.simulate(scene, dt=5e-4, t_end=1.5)
     x, v, t = solution.position(centre)[:, 0] + 0.2, solution.velocity(centre)[:, 0], solution.t
     lost = 2 * 0.3 * G / 100

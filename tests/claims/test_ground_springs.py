@@ -37,8 +37,7 @@ def test_forces_in_statics_are_those_of_the_loads_along_the_axis():
 
 def test_a_cantilever_in_a_rotational_spring():
     """Its end sinks by F l^3 / (3 EI) + F l^2 / k + F l / GA."""
-    section = fb.Section(EA=1e4, GA=1e4, EI=100.0)
-    scene, beam = pinned_bar((2, 0), section, elements=2, degree=3)
+    scene, beam = pinned_bar((2, 0), fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=2, degree=3)
     scene.add_spring(beam.start, rotation=fb.Spring(40.0))
     scene.add_force(beam.end, (0, -1e-3))
     sunk = fb.static(scene, linear=True).displacement(beam.end)[-1, 1]

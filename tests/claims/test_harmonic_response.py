@@ -67,16 +67,14 @@ def relaxed(x):
     k = fb.Parameter("k", x[0]), fb.Parameter("k1", x[1])
     arm = fb.Section(**relaxing(1.0, k), rhoA=1.0, retardation=1e-3 * x[1])
     scene, beam = one_bar((x[2], 0), arm, elements=3, gravity=(0, -x[3]))
-    spring = fb.Spring(**relaxing(10.0, k))
-    scene.add_joint(fb.Revolute(fb.GROUND, beam.start, spring=spring))
+    scene.add_joint(fb.Revolute(fb.GROUND, beam.start, spring=fb.Spring(**relaxing(10.0, k))))
     return scene
 
 
 def test_a_spring_whose_internal_variable_is_held_has_its_stiffness_at_once():
     def build(x):
         k = fb.Parameter("k", x[0]), fb.Parameter("k1", x[1])
-        spring = fb.Spring(**relaxing(1.0, k))
-        scene, body, joint = guided_body((0, 0), x[2], 1.0, spring=spring)
+        scene, body, joint = guided_body((0, 0), x[2], 1.0, spring=fb.Spring(**relaxing(1.0, k)))
         return scene, (body, (1.0, 0.0)), joint
 
     f = np.array([0.0, 0.7, 2.0])

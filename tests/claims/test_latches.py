@@ -275,8 +275,7 @@ def test_latches_of_a_symmetric_scene_close_together():
 
 
 def test_a_joint_that_begins_at_its_latch_is_caught_when_it_comes_back():
-    spring = fb.Spring(2.0)
-    scene, door, hinge = hinged_body((0.5, 0), 1.0, 0.25, {"hinge": (0, 0)}, spring=spring)
+    scene, door, hinge = hinged_body((0.5, 0), 1.0, 0.25, {"hinge": (0, 0)}, spring=fb.Spring(2.0))
     scene.set_velocity(door, (0.0, 0.5), spin=1.0)
     whole = fb.simulate(scene, dt=0.01, t_end=4.0, changes={"shut": fb.Latch(hinge, 0.0)})
     # Half a period of sqrt(2 / (1/2)) rad/s: the inertia is 1/4 + 1 (1/2)^2 about the hinge.

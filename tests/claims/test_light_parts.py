@@ -20,8 +20,7 @@ def falling(rhoA, mass):
     if mass:
         heavy = scene.add_body((2, 0), mass, mass).centre
         other = scene.add_body((3, 0), 30.0, 5.0, {"pin": (2.5, 0)})
-        pin = fb.Revolute(heavy, other["pin"], offset=(0.5, 0), spring=fb.Spring(5e7))
-        scene.add_joint(pin)
+        scene.add_joint(fb.Revolute(heavy, other["pin"], offset=(0.5, 0), spring=fb.Spring(5e7)))
     return scene, beam
 
 

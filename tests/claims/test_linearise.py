@@ -111,8 +111,7 @@ def test_rates_of_motors_and_prescribed_motions_are_inputs():
     scene.fix(base.start, "y", "rotation")
     scene.prescribe(base.start, x=fb.Input("x"))
     arm = scene.add_beam([(0.5, 0), (1.2, 0.3)], section(), elements=2)
-    motor = fb.Input("place", factor=2.0)
-    joint = scene.add_joint(fb.Revolute(base.end, arm.start, motor=motor))
+    joint = scene.add_joint(fb.Revolute(base.end, arm.start, motor=fb.Input("place", factor=2.0)))
     scene.add_drag(arm, linear=0.3)
     start = fb.static(scene, load_steps=4, inputs={"place": 0.3})
     quantities = {"tip": "displacement", "v": "velocity", "spin": "spin"}
@@ -321,8 +320,7 @@ def test_friction_that_slips_has_no_stiffness_and_no_damping(kind):
     scene, friction = fb.Scene(gravity=(0, -10.0)), fb.Coulomb(mu, kt, damping=0.2)
     block = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
     if kind == "guide":
-        spring = fb.Spring(k)
-        guide = fb.Prismatic(fb.GROUND, block, axis=(1, 0), spring=spring, friction=friction)
+        guide = fb.Prismatic(fb.GROUND, block, axis=(1, 0), spring=fb.Spring(k), friction=friction)
         scene.add_joint(guide)
     else:
         scene.fix(block, "rotation")
@@ -374,8 +372,7 @@ def test_a_rod_in_a_sleeve_on_the_ground_has_the_frequencies_of_its_modes(elemen
     """Forces turn it about the sleeve: part of its stiffness is that of its coupling."""
     made = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.01)
     scene, rod = one_bar((1, 0.3), made, elements, gravity=(0, -9.81))
-    spring = fb.Spring(300.0, rest=0.4)
-    scene.add_joint(fb.Sleeve(rod, fb.GROUND, fraction=0.6, spring=spring))
+    scene.add_joint(fb.Sleeve(rod, fb.GROUND, fraction=0.6, spring=fb.Spring(300.0, rest=0.4)))
     scene.add_force(rod.end, (3.0, -20.0))
     state = fb.static(scene)
     values = np.linalg.eigvals(fb.linearise(scene, state=state).A)
@@ -408,8 +405,7 @@ def test_turns_without_mass_are_not_damped_by_the_motion_of_a_state(EA):
 def test_at_a_critical_point_pulls_act_with_their_load_factor():
     """A mass on a spring, pushed aside: x'' + 3 l x' + (4 - 8 l) x = 0 at the load factor l."""
     scene, body = held_body((0, 0), mass=1.0, inertia=1.0)
-    guide = fb.Prismatic(fb.GROUND, body, axis=(1, 0), spring=fb.Spring(4.0))
-    scene.add_joint(guide)
+    scene.add_joint(fb.Prismatic(fb.GROUND, body, axis=(1, 0), spring=fb.Spring(4.0)))
     scene.add_force_between(body, (0, -1), force=-8.0)
     scene.add_force_between(body, (-1, 0), force=lambda r, rate, t: 3 * rate)
     path = fb.static(scene, load_steps=4)

@@ -100,8 +100,7 @@ def test_an_error_names_a_bifurcation_one_step_ahead_whatever_the_rounding(load,
 @pytest.mark.parametrize("stiffness", [1e4, 1e10])
 def test_a_limit_point_of_a_driven_rotation_is_one_for_any_stiffness(stiffness):
     """A buckled member whose end is turned against its bow snaps through."""
-    section = fb.Section(EA=stiffness, GA=stiffness, EI=1.0)
-    scene, beam = clamped_bar((1, 0), section, 8, 2)
+    scene, beam = clamped_bar((1, 0), fb.Section(EA=stiffness, GA=stiffness, EI=1.0), 8, 2)
     scene.fix(beam.end, "y", "rotation")
     scene.prescribe(beam.end, x=lambda t: -0.01)
     point = fb.static(scene, load_steps=4).critical_points[0]

@@ -319,8 +319,7 @@ def test_bars_in_line_are_refused_in_any_direction(angle):
 def test_a_driven_step_that_begins_with_bars_in_line_goes_on():
     scene = fb.Scene()
     bars = chain(scene, [(0, 0), (0, 1), (2, 1), (2, 0)])
-    motor = fb.Revolute(fb.GROUND, bars[0]["a"], motor=lambda t: -np.pi / 2 * t**3)
-    scene.add_joint(motor)
+    scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"], motor=lambda t: -np.pi / 2 * t**3))
     scene.add_joint(fb.Revolute(bars[2]["b"], fb.GROUND))
     solution = run(scene, dt=0.05, t_end=1.1)  # in line at t = 1
     assert solution.stats.halvings == 0

@@ -244,8 +244,7 @@ def test_a_point_mass_that_may_turn_is_told_of_its_inertia_or_a_support(analysis
 
 
 def test_a_node_with_a_mass_that_may_turn_is_told_of_add_mass():
-    pendulum = fb.Section(EA=1e4, GA=1e4, EI=1e4, rhoA=1.0)
-    scene, beam = clamped_bar((1, 0), pendulum, elements=1)
+    scene, beam = clamped_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=1e4, rhoA=1.0), elements=1)
     bob = scene.add_body((1, -1), mass=0.0).centre
     scene.add_force_between(bob, beam.end, spring=fb.Spring(10.0))
     assert_refused(r"add_mass\(node, mass, inertia=...\)", fb.modes, scene)

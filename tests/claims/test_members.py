@@ -211,15 +211,13 @@ def test_a_closed_profile_has_no_seam(mu):
 
     def lifted(first):
         scene, shaft = one_body((0, 0), mass=1.0, inertia=1e-2)
-        turn = fb.Revolute(fb.GROUND, shaft.centre, motor=lambda t: 2 * np.pi * t**2)
-        scene.add_joint(turn)
+        scene.add_joint(fb.Revolute(fb.GROUND, shaft.centre, motor=lambda t: 2 * np.pi * t**2))
 
         def outline(f):
             angle = 2 * np.pi * (f + first / count)
             return radius * np.cos(angle), off + radius * np.sin(angle)
 
-        section = fb.Section(EA=1e6, GA=1e6, EI=1e2)
-        rim = scene.add_beam(fb.Curve(outline), section, elements=count)
+        rim = scene.add_beam(fb.Curve(outline), fb.Section(EA=1e6, GA=1e6, EI=1e2), elements=count)
         for node in rim.nodes:
             scene.add_joint(fb.Rigid(shaft.centre, node, offset=(node.x, node.y)))
         roller = scene.add_body((0, off + radius + 0.01), mass=0.2).centre

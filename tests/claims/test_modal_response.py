@@ -257,8 +257,7 @@ def test_short_springs_in_a_large_scene_have_the_derivatives_of_their_closed_for
         scene = fb.Scene()
         bead = scene.add_body((0, 0), mass=m, inertia=0.1, points={"far": (1, 0)})
         scene.add_joint(fb.Prismatic(fb.GROUND, bead.centre, axis=(1, 0)))
-        spring = fb.Spring(number[0], rest=free)
-        scene.add_force_between(bead.centre, (0.0, height), spring=spring)
+        scene.add_force_between(bead.centre, (0.0, height), spring=fb.Spring(number[0], rest=free))
         scene.add_force(bead.centre, (force, 0.0))
         return scene
 

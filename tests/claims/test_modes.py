@@ -286,8 +286,7 @@ def sleeves():
 def test_frequencies_are_those_of_dense_algebra(name):
     state = None
     if name == "massless turns":
-        section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0)
-        scene = simply_supported(1, 6, section)
+        scene = simply_supported(1, 6, fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0))
     elif name == "sleeves":
         scene = sleeves()
     elif name == "arch":
@@ -389,8 +388,7 @@ def test_about_a_state_on_a_yield_surface_nothing_flows(steps):
 
     mass, f = 2.0, 0.3
     scene, body = held_body((1, 0), mass, 1.0, "y", "rotation")
-    variables = fb.InternalVariables(("a",), flow)
-    spring = fb.Spring(rest=1.0, strain_energy=energy, internal=variables)
+    spring = fb.Spring(rest=1.0, strain_energy=energy, internal=fb.InternalVariables(("a",), flow))
     scene.add_force_between(body, (0, 0), spring=spring)
     scene.add_force(body, (3.3, 0.0))
     state = fb.static(scene, load_steps=steps)

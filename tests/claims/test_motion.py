@@ -159,8 +159,7 @@ def test_full_turns_are_counted_and_kept():
 
 def test_a_motion_starts_from_an_equilibrium_with_its_inputs():
     scene, beam = one_bar((1, 0), SECTION, elements=4, gravity=(0.0, -9.81))
-    motor = fb.Input("place", factor=0.5)
-    scene.add_joint(fb.Revolute(fb.GROUND, beam.start, motor=motor))
+    scene.add_joint(fb.Revolute(fb.GROUND, beam.start, motor=fb.Input("place", factor=0.5)))
     scene.add_force(beam.end, fb.Input("push"))
     held = {"place": 0.8, "push": (0.0, 2.0)}
     equilibrium = fb.static(scene, load_steps=4, inputs=held)

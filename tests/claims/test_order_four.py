@@ -60,8 +60,7 @@ def test_elements_of_every_degree_with_loads_and_motors_are_of_order_four(degree
     section = fb.Section(**stiffness, rhoA=1.0, rhoI=0.1)
     scene, upper = one_bar((1, 0), section, elements=elements, degree=degree, gravity=(0, -2.0))
     lower = scene.add_beam([(1, 0), (2, 0)], section, elements=elements, degree=degree)
-    motor = fb.Revolute(fb.GROUND, upper.start, motor=lambda t: 0.5 * np.sin(t) ** 4)
-    scene.add_joint(motor)
+    scene.add_joint(fb.Revolute(fb.GROUND, upper.start, motor=lambda t: 0.5 * np.sin(t) ** 4))
     spring, damper = fb.Spring(2.0), fb.Damper(0.05)
     scene.add_joint(fb.Revolute(upper.end, lower.start, spring=spring, damper=damper))
     scene.add_force(lower.end, lambda t: (3 * np.sin(2 * t) ** 2, 0.0))
@@ -114,8 +113,7 @@ def test_a_step_whose_sub_step_fails_is_taken_back_and_halved():
 
 def braked(rate):
     """A block of 2 kg on a rail, at 3 m/s, with a damper of this damping rate [1/s]."""
-    damper = fb.Damper(2.0 * rate)
-    scene, block, joint = guided_body((0, 0), 2.0, 0.1, damper=damper)
+    scene, block, joint = guided_body((0, 0), 2.0, 0.1, damper=fb.Damper(2.0 * rate))
     scene.set_velocity(block, (3.0, 0.0))
     return scene, joint
 

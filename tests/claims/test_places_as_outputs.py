@@ -17,8 +17,7 @@ def swing(x, degree=2):
     section = fb.Section(EA=1e4, GA=1e4, EI=10.0 * x[1], rhoA=1.0, rhoI=0.01)
     scene = fb.Scene(gravity=(0, -9.81))
     scene.clamp(scene.add_beam([(0, 1), (1, 1)], section, 2, degree).start)
-    curve = fb.arc((0, 0), (0.5, 0.1 * x[0]), (1, 0))
-    beam = scene.add_beam(curve, section, 3, degree, name="bow")
+    beam = scene.add_beam(fb.arc((0, 0), (0.5, 0.1 * x[0]), (1, 0)), section, 3, degree, name="bow")
     scene.clamp(beam.start)
     return scene, beam
 

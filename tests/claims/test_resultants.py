@@ -34,8 +34,7 @@ def reaction(solution, node):
 @rows
 def test_resultants_and_reactions_of_a_step_in_parts_are_means_over_it(every, tmp_path):
     scene, arm = rotor()
-    record = fb.Record(every=every)
-    run = fb.simulate(scene, dt=0.1, t_end=1.0, record=record)
+    run = fb.simulate(scene, dt=0.1, t_end=1.0, record=fb.Record(every=every))
     assert run.stats.substeps >= 2 * run.stats.steps
     run.save(tmp_path / "run.npz")
     for solution in (run, fb.load(tmp_path / "run.npz")):
@@ -66,8 +65,7 @@ def test_a_joint_bears_the_resultants_of_its_row(every):
     assert force == pytest.approx(np.hypot(r.N[1:, 0], r.Q[1:, 0]) * mean, rel=1e-6)
     assert abs(psi[2:] - psi[:-2]).max() > 2.0  # more than a step may turn
     # Steps of twice the length are halved: their rows are means over two of these.
-    record = fb.Record(every=every)
-    halved = fb.simulate(scene, dt=0.1, t_end=0.8, record=record)
+    halved = fb.simulate(scene, dt=0.1, t_end=0.8, record=fb.Record(every=every))
     assert halved.stats.substeps == run.stats.steps
     for name in ("N", "Q"):
         pairs = getattr(r, name)[1:].reshape(8, 2, -1).mean(axis=1)[every - 1 :: every]

@@ -139,8 +139,7 @@ def test_a_bar_that_turns_has_the_centrifugal_force_at_every_place():
     spin, s = 3.0, np.linspace(0.0, 1.0, 5)
     scene, bar = pinned_bar((1, 0), fb.Section(EA=1e8, GA=1e8, EI=1e5, rhoA=2.0), 8)
     scene.set_velocity(bar, lambda x, y: (-spin * y, spin * x), spin=spin)
-    scheme = fb.EnergyDecaying(1.0)
-    solution = fb.simulate(scene, scheme, dt=1e-3, t_end=0.2)
+    solution = fb.simulate(scene, fb.EnergyDecaying(1.0), dt=1e-3, t_end=0.2)
     closed = [quad(lambda r: 2.0 * spin**2 * r, place, 1.0)[0] for place in s]
     found = solution.resultants(bar).at(s)
     assert found.N[-1] == pytest.approx(closed, abs=0.01 * closed[0])

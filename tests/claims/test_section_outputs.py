@@ -70,8 +70,7 @@ def test_the_axial_force_in_a_bar_that_turns_changes_as_its_closed_form():
 
     def build(x):
         density, spin, length = x
-        section = fb.Section(EA=1e9, GA=1e9, EI=1e7, rhoA=density)
-        scene, bar = pinned_bar((length, 0), section, 8, 2)
+        scene, bar = pinned_bar((length, 0), fb.Section(EA=1e9, GA=1e9, EI=1e7, rhoA=density), 8, 2)
         scene.set_velocity(bar, lambda x, y: (-spin * y, spin * x), spin=spin)
         return scene, {"N": fb.Output("N", bar.at(s))}
 
@@ -223,8 +222,7 @@ def test_periodic_motions_have_derivatives():
 
 
 def test_what_has_no_section_forces_says_so():
-    section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
-    scene, beam = clamped_bar((1, 0), section, 2)
+    scene, beam = clamped_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01), 2)
     outputs = {"M": fb.Output("M", beam.at(0.3))}
     with pytest.raises(fb.SceneError, match="output 'M' is a M; only .* are linearised"):
         fb.linearise(scene, outputs=outputs)

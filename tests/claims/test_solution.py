@@ -377,8 +377,7 @@ def test_times_that_are_ends_of_steps_but_for_round_off_belong_to_these():
     ball = scene.add_body((0, 0), 1.0, 1.0).centre
     scene.add_force(ball, lambda t: (1.0 if t <= 0.3 else 0.0, 0.0))
     times = 0.1 * np.arange(8)
-    record = fb.Record(times=times)
-    motion = fb.simulate(scene, dt=0.01, t_end=0.7, record=record)
+    motion = fb.simulate(scene, dt=0.01, t_end=0.7, record=fb.Record(times=times))
     assert motion.t == pytest.approx(times, abs=1e-12)
     # The forces of a row are those of the step that ends there.
     assert (motion.t_level[1:] < motion.t[1:]).all()

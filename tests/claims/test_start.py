@@ -88,8 +88,7 @@ def test_another_rule_goes_on_from_rates_that_fit(scheme, steps):
     """A motor starts at once: by the mid-point rule the spins of steps are 6, 0, 6, ... rad/s."""
     scene = fb.Scene()
     body = scene.add_body((0.5, 0), 2.0, 0.4, points={"pin": (0, 0)})
-    motor = fb.Revolute(fb.GROUND, body["pin"], motor=lambda t: 3.0 * max(0.0, t - 0.5))
-    scene.add_joint(motor)
+    scene.add_joint(fb.Revolute(fb.GROUND, body["pin"], motor=lambda t: 3.0 * max(0.0, t - 0.5)))
     first = fb.simulate(scene, dt=0.01, t_end=0.5 + 0.01 * steps)
     second = fb.simulate(scene, scheme, dt=0.01, t_end=1.0, start=first)
     assert abs(second.spin(body.centre) - 3.0).max() < 1e-9
@@ -440,8 +439,7 @@ def remembering(update):
     def energy(eps, gamma, kappa, a):
         return 5e3 * eps**2 + 2e3 * gamma**2 + kappa**2 / 2 + (kappa - a[0]) ** 2
 
-    variables = fb.InternalVariables(("dashpot",), update)
-    section = fb.Section(strain_energy=energy, internal=variables)
+    section = fb.Section(strain_energy=energy, internal=fb.InternalVariables(("dashpot",), update))
     scene, beam = clamped_bar((1, 0), section, elements=4)
     scene.add_moment(beam.end, 0.3)
     return scene, beam
@@ -510,8 +508,7 @@ def test_a_lever_of_round_off_does_not_change_the_accelerations_at_the_start():
         section = fb.Section(EA=2e4, GA=1e4, EI=30.0, rhoA=1.5, retardation=0.002)
         scene, beam = clamped_bar((1, 0), section, elements=3, gravity=(1.0, -9.81))
         body = scene.add_body((1.1, 0.2), 1.2, 0.03, points={"pin": (1, 0)})
-        slot = fb.PinInSlot(beam.end, body["pin"], axis=(1, 0.3), offset=offset)
-        scene.add_joint(slot)
+        scene.add_joint(fb.PinInSlot(beam.end, body["pin"], axis=(1, 0.3), offset=offset))
         scene.add_moment(beam.end, 1.0)
         return fb.simulate(scene, dt=1e-4, t_end=1e-4).acceleration(body.centre)[0]
 

@@ -49,8 +49,7 @@ def bent_beyond_its_limit(x):
         return [old[0] + ufl.sign(trial) * excess / (EI + hardening)]
 
     hardening, limit = fb.Parameter("hardening", x[1]), fb.Parameter("limit", x[2])
-    material = with_variables(energy, flow, rhoA=1.0, rhoI=0.1)
-    scene, beam = clamped_bar((1, 0), material, elements=1)
+    scene, beam = clamped_bar((1, 0), with_variables(energy, flow, rhoA=1.0, rhoI=0.1), elements=1)
     scene.add_moment(beam.end, x[0])
     return scene, {"turn": fb.Output("rotation", beam.end)}
 
@@ -107,8 +106,7 @@ def test_work_of_a_moment_that_bends_a_cantilever():
     """W = M^2 L / 2 EI; of equal load steps as well, as the rotation is linear in M."""
 
     def build(x):
-        section = fb.Section(EA=1e4, GA=1e4, EI=x[1])
-        scene, beam = clamped_bar((x[2], 0), section, elements=3)
+        scene, beam = clamped_bar((x[2], 0), fb.Section(EA=1e4, GA=1e4, EI=x[1]), elements=3)
         scene.add_moment(beam.end, x[0])
         lost = fb.Output("dissipated_energy", scene)
         return scene, {"work": fb.Output("work", scene), "lost": lost}
@@ -197,8 +195,7 @@ def loads(x):
 
 def released(x):
     """The load vanishes after the start."""
-    section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2)
-    scene, beam = cantilever(section)
+    scene, beam = cantilever(fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2))
     scene.add_force(beam.end, lambda t: (0.0, 5 * x[2] * (t <= 0)))
     return scene
 
@@ -223,8 +220,7 @@ def slide(x):
     start = np.array(offset) + (x[0] - 1) * np.array(data["axis"])
     section = fb.Section(**DATA | {"EI": 110 * x[1]})
     second = scene.add_beam([start, start + (0.8, -0.6)], section, elements=2)
-    spring = fb.Spring(200 * x[2], rest=0.05)
-    scene.add_joint(make(first.end, second.start, **data, spring=spring))
+    scene.add_joint(make(first.end, second.start, **data, spring=fb.Spring(200 * x[2], rest=0.05)))
     scene.add_force(second.end, (x[0], 2.0))
     return scene
 
@@ -256,8 +252,7 @@ def lever(x):
 def stretched_at_first(x):
     """A beam that yields under a spring under tension, and its loads."""
     scene = yielding(x)
-    spring = fb.Spring(20.0, rest=0.5)
-    scene.add_force_between(scene.beams[0].end, (1.0, 1.0), spring=spring)
+    scene.add_force_between(scene.beams[0].end, (1.0, 1.0), spring=fb.Spring(20.0, rest=0.5))
     return scene
 
 
@@ -283,8 +278,7 @@ def weighed(x):
     scene, beam = pinned_bar((4 * x[0], 0.5 * x[1]), section, elements=8, gravity=(0, -9.81))
     scene.pin(beam.end)
     load = scene.add_body((1.12 * x[0], 0.14 * x[1]), mass=4 * x[2], inertia=0.1)
-    spring = fb.Spring(300 * x[1], rest=1.0)
-    scene.add_joint(fb.Slider(beam, load.centre, spring=spring))
+    scene.add_joint(fb.Slider(beam, load.centre, spring=fb.Spring(300 * x[1], rest=1.0)))
     scene.fix(load.centre, "rotation")
     return scene
 

@@ -74,8 +74,7 @@ def test_the_work_of_the_loads_is_the_strain_energy_to_second_order_in_the_steps
 
 
 def test_weight_is_lowered_in_and_its_potential_counts_in_full():
-    section = fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=0.02)
-    scene, beam = cantilever(section, 4, gravity=(0.0, -10.0))
+    scene, beam = cantilever(fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=0.02), 4, gravity=(0.0, -10.0))
     scene.add_mass(beam.end, 0.01)
     solution = fb.static(scene, load_steps=20)
     q, P = 0.2, 0.1
@@ -182,8 +181,7 @@ def test_a_stiff_spring_is_let_go_in_steps_and_balances_the_beams(way):
 
 
 def test_a_force_of_ones_own_is_a_load_by_the_load_factor_and_else_a_spring():
-    section = fb.Section(EA=1e6, GA=1e6, EI=1e6)
-    scene, beam = one_bar((1, 0), section, elements=1)
+    scene, beam = one_bar((1, 0), fb.Section(EA=1e6, GA=1e6, EI=1e6), elements=1)
     scene.fix(beam.start, "x", "rotation")
     scene.fix(beam.end, "rotation")
     scene.add_virtual_work(lambda step: -50.0 * step.u[1] * step.virtual_u[1])

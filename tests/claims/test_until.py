@@ -49,8 +49,7 @@ def test_the_end_is_a_row_beside_those_at_chosen_times(steps):
     scene, body = ball()
     until = {"outputs": {"place": fb.Output("position", body.centre)}}
     until["until"] = lambda t, y: y["place"][1]
-    record = fb.Record(times=[0.0, 0.5, 2.0])
-    fall = fb.simulate(scene, t_end=3.0, record=record, **until, **steps)
+    fall = fb.simulate(scene, t_end=3.0, record=fb.Record(times=[0.0, 0.5, 2.0]), **until, **steps)
     assert fall.t == pytest.approx([0.0, 0.5, 1.0], abs=1e-12)
     assert abs(fall.position(body.centre)[-1, 1]) < 1e-11
     assert fall.then(fb.simulate(scene, dt=0.1, t_end=1.2, start=fall)).t[-1] == 1.2
@@ -70,8 +69,7 @@ def test_the_last_step_is_neither_tiny_nor_interpolated():
 
 def test_a_value_that_only_a_short_last_step_meets_is_met():
     """A vibration that is not resolved comes back within the longer step of both."""
-    spring = fb.Spring(3e4)
-    scene, mass, _ = guided_body((0, 0), 1.0, 1.0, spring=spring)
+    scene, mass, _ = guided_body((0, 0), 1.0, 1.0, spring=fb.Spring(3e4))
     scene.add_force(mass, lambda t: (1e4 * t * np.cos(150 * t), 0.0))
     outputs = {"v": fb.Output("velocity", mass, "x")}
     run = fb.simulate(scene, dt=0.01, t_end=0.3, outputs=outputs, until=lambda t, y: y["v"] + 4.3)
@@ -222,8 +220,7 @@ def every_kind():
     spring = scene.add_force_between(load, beam.end, spring=fb.Spring(30.0, rest=0.3))
     ground = scene.add_spring(load, y=fb.Spring(8.0), rotation=fb.Spring(1.0))
     crank = scene.add_body((3, 0), mass=1.0, inertia=0.1, points={"pin": (0, 0)}).centre
-    drive = fb.Revolute(fb.GROUND, crank, motor=lambda t: 2.0 * t**2 + t**3)
-    motor = scene.add_joint(drive)
+    motor = scene.add_joint(fb.Revolute(fb.GROUND, crank, motor=lambda t: 2.0 * t**2 + t**3))
     contact = scene.add_contact(load, fb.Line((0, 0.15), normal=(0, 1)), stiffness=2e3)
     scene.set_velocity(load, (0, 0), spin=1.0)
     outputs = {

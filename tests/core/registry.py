@@ -137,8 +137,7 @@ def material_of_ones_own(x):
     def energy(eps, gamma, kappa):
         return 5e3 * (eps**2 + gamma**2) + 2e6 * eps**4 + k * kappa**2 + 20 * kappa**4
 
-    material = fb.Section(strain_energy=energy, rhoA=x[3], rhoI=0.1 * x[4])
-    return swing(x, material=material)[0]
+    return swing(x, material=fb.Section(strain_energy=energy, rhoA=x[3], rhoI=0.1 * x[4]))[0]
 
 
 @case()
@@ -305,8 +304,7 @@ def pin_in_slot_with_friction(x):
 
 @case(dt=5e-3)
 def friction_that_follows_the_joint_force(x):
-    friction = fb.Coulomb(0.3 * x[7], stiffness=50.0, radius=0.1)
-    return hung(x, fb.Revolute, friction=friction)
+    return hung(x, fb.Revolute, friction=fb.Coulomb(0.3 * x[7], stiffness=50.0, radius=0.1))
 
 
 @case(dt=2e-3)

@@ -67,8 +67,7 @@ def held(section=SECTION):
 
 def flung(spin=3.0):
     """A free bow of degree 2, which is cut within, and turns."""
-    curve = fb.arc((1, 0), (0, 1), (-1, 0))
-    scene, bow = one_bar(curve, SECTION, elements=12, degree=2)
+    scene, bow = one_bar(fb.arc((1, 0), (0, 1), (-1, 0)), SECTION, elements=12, degree=2)
     scene.set_velocity(bow, lambda x, y: (-spin * y, spin * x), spin)
     scene.add_force(bow.end, lambda t: (0.0, 5 * t))
     return scene

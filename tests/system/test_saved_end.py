@@ -15,8 +15,7 @@ def rope():
     cord = fb.Section.circle(diameter=8e-3, E=5e6, rho=1100.0)
     scene, rope = supported_bar((0.6, 0), cord, elements=8, gravity=(0, -9.81), held="xy")
     stick = scene.add_beam([(0.25, 0.0081), (0.35, 0.3)], cord, elements=4)
-    friction = fb.Coulomb(0.3, 1e5)
-    scene.add_contact(stick, rope, stiffness=2e5, radius=4e-3, friction=friction)
+    scene.add_contact(stick, rope, stiffness=2e5, radius=4e-3, friction=fb.Coulomb(0.3, 1e5))
     return scene, fb.simulate(scene, dt=1e-3, t_end=5e-3)
 
 
