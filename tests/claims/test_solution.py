@@ -10,7 +10,7 @@ import pickle
 import numpy as np
 import pytest
 from jointed import MEMBER as SECTION, pair
-from scenes import clamped_bar, hinged_body, pinned_bar
+from scenes import assert_refused, clamped_bar, held_body, hinged_body, one_body, pinned_bar
 
 import fx_beam as fb
 
@@ -112,8 +112,7 @@ def test_times_are_multiples_of_the_step_up_to_the_end(dt, t_end, steps):
 
 
 def test_the_shorter_last_step_is_integrated_as_such():
-    scene = fb.Scene(gravity=(0.0, -10.0))
-    body = scene.add_body((0, 0), 1.0, 0.1)
+    scene, body = one_body((0, 0), 1.0, 0.1, gravity=(0.0, -10.0))
     solution = fb.simulate(scene, dt=0.1, t_end=0.25)
     assert solution.displacement(body.centre)[:, 1] == pytest.approx(-5 * solution.t**2, abs=1e-13)
 
@@ -125,10 +124,8 @@ GAUSS = {1: [0.0], 2: [-(3**-0.5), 3**-0.5], 3: [-(0.6**0.5), 0.0, 0.6**0.5]}
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_resultants_are_given_at_the_gauss_points_of_the_elements(degree):
-    scene = fb.Scene()
     points = [(0, 0), (3, 0), (3, 1)]
-    beam = scene.add_beam(points, MASSLESS, elements=[2, 1], degree=degree)
-    scene.clamp(beam.start)
+    scene, beam = clamped_bar(points, MASSLESS, elements=[2, 1], degree=degree)
     middles, halves = np.array([0.75, 2.25, 3.5]), np.array([0.75, 0.75, 0.5])
     expected = (middles[:, None] + halves[:, None] * GAUSS[degree]).ravel()
     assert fb.static(scene, load_steps=1).resultants(beam).s == pytest.approx(expected, rel=1e-14)
@@ -260,8 +257,7 @@ WRONG = ["text", "cut off", "other arrays", "pickle", "another version", "X", "e
 def test_a_file_that_is_no_solution_is_refused_by_its_name(content, framed, tmp_path):
     path = tmp_path / "wrong.npz"
     write(path, content, framed)
-    with pytest.raises(ValueError, match="wrong.npz is not a solution saved by fx_beam"):
-        fb.load(path)
+    assert_refused("wrong.npz is not a solution saved by fx_beam", fb.load, path, error=ValueError)
 
 
 def test_a_table_holds_the_named_columns_to_the_last_bit(framed, tmp_path):
@@ -299,8 +295,7 @@ def test_resultants_that_need_rates_may_be_missing_in_files_and_copies(tmp_path)
         joined = other.then(more)
         joined.save(tmp_path / "joined.npz")
         for each in (solution, other, more, joined):
-            with pytest.raises(ValueError, match="rates not recorded"):
-                each.resultants(arm)
+            assert_refused("rates not recorded", each.resultants, arm, error=ValueError)
 
 
 @pytest.mark.parametrize("left_out", ["motion", "rates", "forces"])
@@ -322,11 +317,9 @@ def test_what_is_not_recorded_is_in_no_file_and_no_table(left_out, tmp_path):
             assert (get(other) == get(solution)).all()
             continue
         for each in (solution, other):
-            with pytest.raises(ValueError, match=f"{part} not recorded"):
-                get(each)
+            assert_refused(f"{part} not recorded", get, each, error=ValueError)
     if left_out == "motion":
-        with pytest.raises(ValueError, match="motion not recorded"):
-            other.resultants("beam 1")
+        assert_refused("motion not recorded", other.resultants, "beam 1", error=ValueError)
     solution.to_csv(tmp_path / "run.csv", nodes={"tip": node})
     header = (tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert ("tip x" in header) == (left_out != "motion")
@@ -373,8 +366,7 @@ def test_times_of_rows_may_be_a_column_of_a_table():
 
 def test_times_that_are_ends_of_steps_but_for_round_off_belong_to_these():
     """0.1 k and k / 10 differ in the last digit; the last one may lie behind the end."""
-    scene = fb.Scene()
-    ball = scene.add_body((0, 0), 1.0, 1.0).centre
+    scene, ball = held_body((0, 0), 1.0, 1.0)
     scene.add_force(ball, lambda t: (1.0 if t <= 0.3 else 0.0, 0.0))
     times = 0.1 * np.arange(8)
     motion = fb.simulate(scene, dt=0.01, t_end=0.7, record=fb.Record(times=times))
