@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -147,18 +148,21 @@ class Signal:
             for row in arguments:
                 value = function(*row)
                 collected.append(value if type(value) in _IMMUTABLE else _copied(value))
-        except Exception as error:
-            row = arguments[len(collected)]
-            if run:
+            # They are checked at once: one by one, the checks cost more than most functions.
+            with suppress(TypeError, ValueError, OverflowError):
+                values = dual_array(collected).reshape(len(collected), self.size)
+                if not run or np.isfinite(values).all():
+                    return values
+        except BaseException as error:
+            done = len(collected)
+            row = arguments[min(done, len(arguments) - 1)]
+            if isinstance(error, Exception) and run:
                 raise _failed(row[0], error, run) from error
-            if isinstance(error, SceneError):
-                raise
-            raise self._failure(row, error) from error
-        # They are checked at once: one by one, the checks cost more than most functions.
-        with suppress(TypeError, ValueError, OverflowError):
-            values = dual_array(collected).reshape(len(collected), self.size)
-            if not run or np.isfinite(values).all():
-                return values
+            if isinstance(error, Exception) and not isinstance(error, SceneError):
+                raise self._failure(row, error) from error
+            # Steps before this time can be taken.
+            error.time = math.inf if done == len(arguments) else row[0]  # type: ignore[attr-defined]
+            raise
         # The row whose value is wrong is found.
         return dual_array([evaluate(self, row[0], run) if run else self(*row) for row in arguments])
 
