@@ -143,7 +143,7 @@ def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, Any]:
             {"name": name, "nodes": nodes, "points": _points_of(drawing, nodes)}
             for name, nodes in bodies.items()
         ],
-        "obstacles": [outline._asdict() for outline in drawing.obstacles],
+        "obstacles": [outline._asdict() for outline in drawing.obstacles.fixed],
         "carried": _carried(drawing),
         # Symbols in units of the drawing's size.
         "supports": [
@@ -229,7 +229,7 @@ def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, A
 def _carried(drawing: Drawing) -> list[dict[str, Any]]:
     """Obstacles that nodes carry: points of the line, then ends of the strokes, in all rows."""
     entries = []
-    for outlines in zip(*(drawing.carried(k) for k in drawing.rows), strict=True):
+    for outlines in zip(*(drawing.obstacles.carried(k) for k in drawing.rows), strict=True):
         points = _points(drawing, [[*o.line, *o.strokes.reshape(-1, 2)] for o in outlines])
         line, strokes = map(len, outlines[0])
         entries.append({"line": line, "strokes": strokes, "points": points})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,11 +14,12 @@ from fx_beam.errors import SceneError, is_name, is_whole, positive, real_array, 
 from fx_beam.results.contact_gaps import nodes_of
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.solution import Solution, forces_on_nodes, scene_of
-from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
-from fx_beam.scene.contacts import Shape, arc_of
+from fx_beam.scene.beam import Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND
+
+from .outlines import Obstacles, turn
 
 _log = logging.getLogger("fx_beam")
 
@@ -26,48 +27,10 @@ _log = logging.getLogger("fx_beam")
 Look = dict[str, Any]
 Colour = str | np.ndarray
 
-# Fractions of the scene's size: how far lines go beyond the nearest positions, distance and length
-# of strokes. An obstacle farther away than the size is not drawn.
-_BEYOND, _APART, _STROKE = 0.1, 0.03, 0.016
 # Lengths of springs from a node and from a bed to the ground; number of the latter.
 _GROUND_SPRING, _BED_SPRING, _OF_BED = 0.15, 0.06, 9
 # Displacements below this fraction of it cannot be seen.
 _TINY = 1e-3
-
-
-class Outline(NamedTuple):
-    """A line, and strokes on the side that is not allowed."""
-
-    #: Points (n, 2) of the line, and ends (m, 2, 2) of the strokes.
-    line: np.ndarray
-    strokes: np.ndarray
-
-    def moved(self, position: np.ndarray, angle: float) -> Outline:
-        """Turned by an angle about the origin, which is then moved to a position."""
-        turn = _turn(angle)
-        return Outline(self.line @ turn + position, self.strokes @ turn + position)
-
-
-def _turn(angle: float) -> np.ndarray:
-    """Matrix (2, 2) that turns rows by an angle."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, s], [-s, c]])
-
-
-def outline(shape: Shape, positions: np.ndarray, size: float) -> Outline:
-    """The outline of a fixed shape that reaches past some positions."""
-    line, away = shape.outline(positions, size, _BEYOND * size)
-    s = arc_of(line)
-    places = np.arange(0.5 * _APART * size, s[-1], _APART * size)
-    starts, out = (interpolated(places, s, values) for values in (line, away))
-    aside = 0.8 * out[:, ::-1] * (1, -1)
-    ends = starts + _STROKE * size * (out + aside)
-    return Outline(line, np.stack([starts, ends], axis=1))
-
-
-def interpolated(places: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (m, 2) at places (m,), interpolated between values (n, 2) at s (n,)."""
-    return np.column_stack([np.interp(places, s, column) for column in values.T])
 
 
 _UNITS = (1e-3, 1e6, r"$\mu$s"), (1e-2, 1e3, "ms"), (math.inf, 1.0, "s")
@@ -160,7 +123,7 @@ class Drawing:
         self._q = solution.q if recorded is None else recorded("q")
         self._element_nodes = nodes_of_elements(solution)
         #: Points (n, 2) of all members and bodies in all rows.
-        self.points = self._all_points()
+        self.points = _all_points(self)
         #: Larger side of what holds them [m].
         self.reach = float(np.ptp(self.points, axis=0).max()) or 1.0
         #: Factor of the widths of lines and of symbols: 1, or less where members are dense.
@@ -170,11 +133,10 @@ class Drawing:
         self.forces = {k: forces_on_nodes(solution, k, magnify) if is_run else {} for k in rows}
         sizes = (np.hypot(*force) for row in self.forces.values() for force in row.values())
         self.largest_force = max(sizes, default=0.0)
-        #: Outlines of the fixed obstacles that are near.
-        self.obstacles = self._fixed_outlines()
-        self._carried = self._carried_outlines()
-        framed_points = self._framed_points()
-        self._low, self._high = framed_points.min(axis=0), framed_points.max(axis=0)
+        #: Outlines of obstacles.
+        self.obstacles = Obstacles(self)
+        # Lower left and upper right corner (2, 2) of what is in the window.
+        self._corners = _ends(_framed_points(self))
 
     def scene_parts(self, name: str) -> Any:
         """Parts of the scene by name; none of a solution that was read from a file."""
@@ -184,66 +146,12 @@ class Drawing:
 
     def include(self, points: ArrayLike) -> None:
         """Have points (n, 2) in the window as well."""
-        corners = np.concatenate([[self._low, self._high], np.reshape(points, (-1, 2))])
-        self._low, self._high = corners.min(axis=0), corners.max(axis=0)
-
-    def _all_points(self) -> np.ndarray:
-        solution, rows = self.solution, self.rows
-        positions, nodes = self.positions(np.arange(len(solution.X)), rows), solution.nodes_of_beam
-        members = [axis(positions[:, nodes[name]], b.degree) for name, b in solution.beams.items()]
-        numbers = [n.number for body in solution.bodies.values() for n in body.nodes]
-        return np.concatenate([*members, self.positions(numbers, rows)], axis=1).reshape(-1, 2)
-
-    def _fixed_outlines(self) -> list[Outline]:
-        shapes = dict.fromkeys(obstacle.shape for obstacle in self.solution.contacts)
-        return [
-            outline(shape, self.points, self.reach)
-            for shape in shapes
-            if not isinstance(shape, Beam) and shape.carrier is None
-            if abs(shape.gap(self.points)).min() <= self.reach
-        ]
-
-    def _carried_outlines(self) -> list[tuple[int, Outline]]:
-        """Nodes that carry obstacles, and outlines relative to the node."""
-        outlines_of: dict[Shape, tuple[int, Outline]] = {}
-        for obstacle in self.solution.contacts:
-            shape = obstacle.shape
-            if isinstance(shape, Beam) or shape.carrier is None or shape in outlines_of:
-                continue
-            # What touches in all rows, relative to the node and its section, and the node itself.
-            carrier, point_lists = shape.carrier.number, [np.zeros((1, 2))]
-            nodes = nodes_of(self.solution.nodes_of_beam, obstacle.target)
-            for k in self.rows:
-                arms = self.positions(nodes, k) - self.positions(carrier, k)
-                point_lists.append(arms @ _turn(-self.magnify * self._q[k][carrier, 2]))
-            drawn = outline(shape.at((0.0, 0.0)), np.concatenate(point_lists), self.reach)
-            outlines_of[shape] = carrier, drawn
-        return list(outlines_of.values())
-
-    def carried(self, k: int) -> list[Outline]:
-        """Outlines of the obstacles that nodes carry, in row k."""
-        q = self._q[k]
-        return [
-            outline.moved(self.positions(number, k), self.magnify * q[number, 2])
-            for number, outline in self._carried
-        ]
-
-    def _framed_points(self) -> np.ndarray:
-        """Points (n, 2) of members, forces between points, arrows and outlines."""
-        forces = self.scene_parts("forces_between")
-        ends = (point for force in forces for point in force.points)
-        fixed = [point.position for point in ends if not isinstance(point, Node)]
-        grounded = (force for force in forces if isinstance(force, GroundSpring))
-        fixed += [foot for force in grounded for _, foot, _ in feet(self, force)]
-        arrows = [self.arrow(node, k) for k, forces in self.forces.items() for node in forces]
-        lines = [outline.line for outline in self.obstacles]
-        lines += [outline.line for k in self.rows for outline in self.carried(k)]
-        return np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
+        self._corners = _ends(np.concatenate([self._corners, np.reshape(points, (-1, 2))]))
 
     @property
     def window(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of the drawing, with a margin."""
-        low, high = self._low, self._high
+        low, high = self._corners
         size = max(high - low) or self.reach
         # Space for symbols; a straight member needs more beside it.
         margin = np.maximum(0.06 * size, (0.3 * size - (high - low)) / 2)
@@ -287,12 +195,43 @@ class Drawing:
         """A vector (2,) that rotates with a node, in row k."""
         if node is GROUND:
             return np.asarray(arrow)
-        return np.asarray(arrow) @ _turn(self.magnify * self._q[k][node.number, 2])
+        return np.asarray(arrow) @ turn(self.angle(node.number, k))
+
+    def angle(self, node: int, k: int) -> float:
+        """Magnified rotation of a node in row k [rad]."""
+        return self.magnify * self._q[k][node, 2]
 
     def arrow(self, node: int, k: int) -> np.ndarray:
         """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""
         tip, scale = self.positions(node, k), _LONGEST_FORCE * self.reach
         return np.array([tip - scale * self.forces[k][node] / (self.largest_force or 1.0), tip])
+
+
+def _ends(points: np.ndarray) -> np.ndarray:
+    """Lower left and upper right corner (2, 2) of points (n, 2)."""
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+def _all_points(drawing: Drawing) -> np.ndarray:
+    """Points (n, 2) of all members and bodies in all rows."""
+    solution, rows = drawing.solution, drawing.rows
+    positions, nodes = drawing.positions(np.arange(len(solution.X)), rows), solution.nodes_of_beam
+    members = [axis(positions[:, nodes[name]], b.degree) for name, b in solution.beams.items()]
+    numbers = [n.number for body in solution.bodies.values() for n in body.nodes]
+    return np.concatenate([*members, drawing.positions(numbers, rows)], axis=1).reshape(-1, 2)
+
+
+def _framed_points(drawing: Drawing) -> np.ndarray:
+    """Points (n, 2) of members, forces between points, arrows and outlines."""
+    forces = drawing.scene_parts("forces_between")
+    ends = (point for force in forces for point in force.points)
+    fixed = [point.position for point in ends if not isinstance(point, Node)]
+    grounded = (force for force in forces if isinstance(force, GroundSpring))
+    fixed += [foot for force in grounded for _, foot, _ in feet(drawing, force)]
+    arrows = [drawing.arrow(node, k) for k, forces in drawing.forces.items() for node in forces]
+    lines = [outline.line for outline in drawing.obstacles.fixed]
+    lines += [outline.line for k in drawing.rows for outline in drawing.obstacles.carried(k)]
+    return np.concatenate([drawing.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
 
 
 def title(drawing: Drawing) -> str:

@@ -20,7 +20,8 @@ from fx_beam.scene.loads import Load, VirtualWork, label
 from fx_beam.scene.pressure import PressureTerm
 from fx_beam.scene.scene import Scene
 
-from .drawing import Drawing, apart, axis, interpolated, three_digits
+from .drawing import Drawing, apart, axis, three_digits
+from .outlines import interpolated
 from .sheet import Sheet, picture, written
 from .symbols import draw_moving, draw_surroundings, left_of, node_of
 

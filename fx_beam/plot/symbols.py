@@ -17,7 +17,8 @@ from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND, Joint
 
-from .drawing import Colour, Drawing, Look, Outline, apart, feet, line_between
+from .drawing import Colour, Drawing, Look, apart, feet, line_between
+from .outlines import Outline
 
 # Fractions of the drawing's size: height of a support, length of a wall, its strokes, half of the
 # shortest guide, and what guides have beyond the path on them.
@@ -236,7 +237,7 @@ def draw_moving(
     """Draw rigid arms, bodies, masses and carried obstacles of row k."""
     _draw_arms(ax, drawing, k, colour)
     draw_bodies(ax, drawing, k, colour, small)
-    draw_outlines(ax, drawing.carried(k), colour if small else "0.35")
+    draw_outlines(ax, drawing.obstacles.carried(k), colour if small else "0.35")
     heavy = nodes_with_mass(drawing)
     if heavy:
         look = {"color": colour if small else "#D55E00", "markersize": 5 if small else 9}
@@ -253,7 +254,7 @@ def draw_outlines(ax, outlines: Sequence[Outline], colour: Colour = "0.35") -> N
 
 def draw_surroundings(ax, drawing: Drawing, k: int) -> None:
     """Draw fixed obstacles, and joints and supports of row k."""
-    draw_outlines(ax, drawing.obstacles)
+    draw_outlines(ax, drawing.obstacles.fixed)
     draw_joints(ax, drawing, k)
     Supports(drawing).draw(ax, k)
 
