@@ -77,7 +77,7 @@ class PathFollowing:
         states, stats, options = self._states, self._stats, self._options
         return (
             states[-1].t >= 1
-            or stats.steps >= options.max_steps
+            or len(states) > options.max_steps
             or stats.closed
             or self._is_behind_limit_point
         )
@@ -98,7 +98,7 @@ class PathFollowing:
             raise _TooLong(ds * min(0.9, 1 / excess))
         for row in step.rows:
             states.append(row)  # which a progress bar shows
-        stats.steps, stats.closed = stats.steps + len(step.rows), step.closes
+        stats.closed = step.closes
         if step.limit is not None:
             self._arc.rising = -self._arc.rising
             stats.limit_points.append(step.limit)

@@ -107,7 +107,6 @@ class PathStates:
             new, ahead, distance = first_step(self._arc, state, start.shape.flatten())
         except StepFailed as failure:
             raise self._arc.error(state, failure) from failure
-        stepper.stats.steps += 1
         states.append(new)
         PathFollowing(self._arc, states, (ahead, distance)).run()
 

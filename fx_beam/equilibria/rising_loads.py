@@ -40,7 +40,6 @@ class RisingLoads:
         stepper.may_be_cut = stride > 1
         stepper.hold_between(place / self._count, goal)
         self._states.append(stepper.step(self._states[-1], goal))
-        stepper.stats.steps += 1
         place += stride
         easy = stepper.deviation <= EASY_DEVIATION and stepper.iterations <= _EASY_ITERATIONS
         longer = easy and 2 * stride <= self._longest and place % (2 * stride) == 0

@@ -101,6 +101,7 @@ class LoadPath:
         try:
             with bar:
                 self._path_states().follow(states)
+            stats.steps = len(states) - 1
             stopped = stats.closed or (options.stop_at and stats.limit_points)
             if states[-1].t < 1 and not stopped and stats.steps >= options.max_steps:
                 factor, most = states[-1].t, options.max_steps
@@ -116,6 +117,7 @@ class LoadPath:
             self.start = isinstance(self.start, Solution) or self.start
         except BaseException as error:
             stats.failure = failure_of(error, states[-1].t if states else 0.0)
+            stats.steps = max(len(states) - 1, 0)  # wherever an interrupt came
             if states:
                 attach(error, lambda: self._solution(states))
             if isinstance(error, StepError) and stats.steps:
