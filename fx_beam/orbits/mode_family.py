@@ -14,7 +14,6 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import first_of_largest
 from fx_beam.scene.scene import Scene
-from fx_beam.step.undamped_modes import UndampedModes
 
 from .closing import ROUND_OFF, Closed, Condition, NotClosed, close, turning_point
 from .periodic_family import Path
@@ -65,7 +64,7 @@ class ModeFamily:
                 "vibrates, such as state=fx_beam.static(scene)"
             )
         about = linearised(scene, state, caller)
-        omega, rigid, vectors = UndampedModes(about.K, about.M).lowest(mode + 1)
+        omega, rigid, vectors = about.undamped_modes.lowest(mode + 1)
         if mode >= len(omega) or rigid[mode] or omega[mode] <= 0:
             raise SceneError(
                 f"{caller}: mode {mode} does not vibrate: fx_beam.modes(scene) shows which do"

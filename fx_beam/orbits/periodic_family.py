@@ -8,14 +8,21 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from fx_beam.equilibria.continuation import Stretch, follow, root_between
 from fx_beam.errors import StepError
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
 
-from .closing import Closed, NotClosed, close, plane, turning_point, warn_of_round_off
+from .closing import (
+    Closed,
+    NotClosed,
+    close,
+    least_squares,
+    plane,
+    turning_point,
+    warn_of_round_off,
+)
 from .shooting import Period, PeriodicOptions, Shooting
 
 # Multipliers that are larger than 1 by less are round-off.
@@ -215,5 +222,5 @@ def _tangent(closed: Closed, ahead: np.ndarray) -> np.ndarray:
     matrix = closed.equations * np.append(np.full(n - 1, size), 1.0) / size
     onwards = np.append(ahead[:-1] @ closed.directions.matrix, ahead[-1])
     right = np.append(np.zeros(len(matrix)), 1.0)
-    direction = scipy.linalg.lstsq(np.vstack([matrix, onwards]), right, lapack_driver="gelsy")[0]
+    direction = least_squares(np.vstack([matrix, onwards]), right)
     return direction / np.linalg.norm(_in_rows(closed, direction))
