@@ -26,7 +26,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.functions import constant
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.watch import Watch
+from fx_beam.scene.structure import Watch
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions

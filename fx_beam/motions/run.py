@@ -18,7 +18,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.watch import Watch
+from fx_beam.scene.structure import Watch
 from fx_beam.step import full_turns
 from fx_beam.step.interrupts import ctrl_c_waits
 from fx_beam.step.recorded_histories import RecordedHistories

@@ -2,6 +2,7 @@
 
 All that a scene has is structure, and must be equal, except fields that are marked as numbers, by
 `IS_DATA` or `real`. So what is added to a scene later counts as structure until it is marked.
+`Watch` notices changes of a scene while something that was made of it is in use.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.dual import DualFloat
+from fx_beam.errors import SceneError
 
 from .beam import Node
 from .coordinate import functions_of
@@ -185,3 +187,33 @@ def _form_of_number(number: Any) -> Any:
     if isinstance(number, list):  # lumped masses: first the number of the node
         return [row[0] for row in number]
     return [*number] if isinstance(number, Mapping) else np.shape(number)
+
+
+# Kinds of parts of a scene that may become longer.
+_LISTS = list, dict, set
+
+
+class Watch:
+    """Notices whether something was added to a scene, removed from it or changed."""
+
+    def __init__(self, scene: Scene):
+        self._scene = scene
+        self._parts = [part for part in vars(scene).values() if isinstance(part, _LISTS)]
+        self._counts = self._now()
+
+    def _now(self) -> tuple[int, ...]:
+        """Lengths of lists and counts of changes: a change of the scene changes one of them."""
+        return *map(len, self._parts), self._scene.changes, self._scene.parameters.changes
+
+    @property
+    def has_changed(self) -> bool:
+        """Whether the scene has changed since the start."""
+        return self._now() != self._counts
+
+    def check(self, caller: str) -> None:
+        """SceneError if the scene was changed while an analysis ran."""
+        if self.has_changed:
+            raise SceneError(
+                f"{caller}: the scene was changed while it was computed, as by a load function "
+                "that adds a beam. Change it before, or by latches and fuses (changes=...)"
+            )

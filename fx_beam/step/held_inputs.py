@@ -20,7 +20,7 @@ from fx_beam.scene.inputs import (
     widths,
 )
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.watch import Watch
+from fx_beam.scene.structure import Watch
 
 from .forcing import Forcing
 
