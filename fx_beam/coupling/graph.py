@@ -46,8 +46,9 @@ class Entries(NamedTuple):
     def of(cls, sums: Iterable[tuple[int, Sequence[Entry]]]) -> Entries:
         """Entries of numbered sums."""
         entries = [(row, *entry) for row, row_entries in sums for entry in row_entries]
-        row, column, value_at, sign = np.array(entries, dtype=float).reshape(-1, 4).T
-        return cls(row.astype(int), column.astype(int), value_at.astype(int), sign)
+        table = np.array(entries, dtype=float).reshape(-1, 4)
+        row, column, value_at = table[:, :3].T.astype(np.int32)
+        return cls(row, column, value_at, table[:, 3])
 
     def take(self, chosen: np.ndarray | slice) -> Entries:
         """The chosen entries."""
@@ -272,9 +273,9 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
 def _all_entries(column: np.ndarray, sums: dict[int, list[Entry]]) -> Entries:
     """`Couplings.all_entries` of columns (size,) and sums."""
     alone, summed = np.flatnonzero(column >= 0), Entries.of(sums.items())
-    none = np.zeros(len(alone), dtype=int)
-    single = alone, column[alone], none, 1.0 + none
-    entries = Entries(*map(np.append, single, summed))
+    none = np.zeros(len(alone), np.int32)
+    single = alone.astype(np.int32), column[alone].astype(np.int32), none, np.ones(len(alone))
+    entries = Entries(*(np.append(*parts) for parts in zip(single, summed, strict=True)))
     return entries.take(np.argsort(entries.row, kind="stable"))
 
 
@@ -290,7 +291,7 @@ def _free_columns(
 
 def _system(columns: _Columns, auxiliaries: int, closures: int) -> tuple[np.ndarray, np.ndarray]:
     """`Couplings.system` for so many auxiliary unknowns and closures."""
-    unknowns, free = np.full(columns.count + auxiliaries, -1), columns.free
+    unknowns, free = np.full(columns.count + auxiliaries, -1, np.int32), columns.free
     unknowns[:free] = np.arange(free)
     unknowns[columns.count :] = free + 2 * np.arange(auxiliaries)
     carried = sum(map(len, columns.carried.values()))

@@ -93,7 +93,7 @@ def reduced_tangent(
         added, forces = [loops.system_entries, *added], loops.bordering
         halves = zip((left, right), loops.stiffened(), strict=True)
         left, right = (Entries(*map(np.append, *sides)) for sides in halves)
-    source = np.append(source, np.full(len(left.row) - full_count, matrix.nnz + 1))
+    source = np.append(source, np.full(len(left.row) - full_count, matrix.nnz + 1, np.int32))
     extra = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2).T
     rows = [row_of[left.column], row_of[extra[0]], *(part.rows for part in added)]
     columns = [unknown_of[right.column], unknown_of[extra[1]], *(p.columns for p in added)]
@@ -140,13 +140,14 @@ def _products(
     `row` and `moves`: rows of the entries of Tv, and whether they have an unknown. `used`, `indptr`
     and `indices`: used entries of K, and its compressed rows.
     """
-    moving, size = np.flatnonzero(moves), len(indptr) - 1
-    count = np.bincount(row[moving], minlength=size)
-    first = np.cumsum(count) - count
-    i, j = np.repeat(np.arange(size), np.diff(indptr)), indices
-    products = count[i] * count[j] * used
-    source = np.repeat(np.arange(len(j), dtype=np.int32), products)
-    number = np.arange(len(source)) - np.repeat(np.cumsum(products) - products, products)
-    i, j = i[source], j[source]
+    moving, size = np.flatnonzero(moves).astype(np.int32), len(indptr) - 1
+    count = np.bincount(row[moving], minlength=size).astype(np.int32)
+    first = np.cumsum(count, dtype=np.int32) - count
+    rows = np.repeat(np.arange(size, dtype=np.int32), np.diff(indptr))
+    products = count[rows] * count[indices] * used
+    source = np.repeat(np.arange(len(indices), dtype=np.int32), products)
+    begin = np.cumsum(products, dtype=np.int32) - products
+    number = np.arange(len(source), dtype=np.int32) - np.repeat(begin, products)
+    i, j = rows[source], indices[source]
     left, right = first[i] + number // count[j], first[j] + number % count[j]
     return source, moving[left], moving[right]
