@@ -273,9 +273,12 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
 def _all_entries(column: np.ndarray, sums: dict[int, list[Entry]]) -> Entries:
     """`Couplings.all_entries` of columns (size,) and sums."""
     alone, summed = np.flatnonzero(column >= 0), Entries.of(sums.items())
-    none = np.zeros(len(alone), np.int32)
-    single = alone.astype(np.int32), column[alone].astype(np.int32), none, np.ones(len(alone))
-    entries = Entries(*(np.append(*parts) for parts in zip(single, summed, strict=True)))
+    entries = Entries(
+        np.append(alone.astype(np.int32), summed.row),
+        np.append(column[alone].astype(np.int32), summed.column),
+        np.append(np.zeros(len(alone), np.int32), summed.value_at),
+        np.append(np.ones(len(alone)), summed.sign),
+    )
     return entries.take(np.argsort(entries.row, kind="stable"))
 
 
