@@ -44,7 +44,6 @@ class BeamAxis:
 
     def __init__(self, beam: Beam):
         self.s, p = beam.s, beam.degree
-        self._is_curved = beam.inner is not None
         self.degree, self.h = p, np.diff(beam.s)
         #: Arc length [m].
         self.length = beam.length
@@ -56,30 +55,26 @@ class BeamAxis:
         self.width = p * self.window + 1
         #: Number of borders between elements that a step may pass.
         self.most = 2 if elements > self.WINDOW else elements
+        #: Whether the elements i and i + 1 meet in a corner of a polyline, (elements - 1,).
+        self.corners = np.zeros(elements - 1, dtype=bool)
+        if beam.inner is None:
+            along = np.diff(self.X[::p], axis=0)
+            turns = np.angle(_complex(along[1:]) / _complex(along[:-1]))
+            self.corners = np.abs(turns) > _STRAIGHT
         #: Coefficients (elements, 3 p + 1, 4) for the nodes of an element and of both neighbours.
-        self.coefficients = _polynomials(p, self.h, self.corners())
+        self.coefficients = _polynomials(p, self.h, self.corners)
         nodes = np.clip(self._nodes(np.arange(elements)), 0, len(self) - 1)
-        # Positions as cubics (elements, 4, 2) over elements, at three places (elements, 3, 2), and
-        # distances (elements,) from these within which each point of an element is.
-        self._cubics = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])
-        self._places = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4) @ self._cubics
-        # The next place is at most a quarter of the largest slope away.
-        self._reach = np.linalg.norm(self._cubics[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
+        cubics = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])
+        #: The reference path by its elements.
+        self.cubics = CubicPath(self.s, cubics)
 
     def __len__(self):
         return len(self.X)
 
-    def corners(self) -> np.ndarray:
-        """Whether the elements i and i + 1 meet in a corner of a polyline, (elements - 1,)."""
-        if self._is_curved:
-            return np.zeros(len(self.h) - 1, dtype=bool)
-        along = np.diff(self.X[:: self.degree], axis=0)
-        return np.abs(np.angle(_complex(along[1:]) / _complex(along[:-1]))) > _STRAIGHT
-
     def corner_near(self, s: float) -> np.ndarray | None:
         """Position (2,) of a corner within a hundredth of an element from an arc length [m]."""
         inner, h = self.s[1:-1], np.minimum(self.h[1:], self.h[:-1])
-        near_corners = np.flatnonzero(self.corners() & (abs(inner - s) <= 0.01 * h))
+        near_corners = np.flatnonzero(self.corners & (abs(inner - s) <= 0.01 * h))
         return self.X[self.degree * (near_corners[0] + 1)] if near_corners.size else None
 
     @cached_property
@@ -132,28 +127,46 @@ class BeamAxis:
             s = s + np.sum(apart * along, axis=1) / np.sum(along**2, axis=1)
         return s
 
+
+class CubicPath:
+    """A path whose pieces are cubics (n, 4, 2), from arc lengths s[i] to s[i + 1]."""
+
+    def __init__(self, s: np.ndarray, cubics: np.ndarray):
+        self._s, self._cubics = s, cubics
+        # Three places (n, 3, 2) of each piece, and the distance from these within which it is: the
+        # next place is at most a quarter of the largest slope away.
+        self._places = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4) @ cubics
+        self._reach = np.linalg.norm(cubics[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
+
     def nearest(self, point: np.ndarray) -> tuple[float, float]:
-        """Arc length of the nearest point of the reference path, and the distance to it [m]."""
+        """Arc length of the nearest point of the path, and the distance to it [m]."""
         distances = np.linalg.norm(self._places - point, axis=2).min(axis=1)
-        most = distances.min() * (1 + 1e-6) + 1e-12 * self.length
-        elements = np.flatnonzero(distances - self._reach <= most)
-        arcs = [self.s[np.union1d(elements, elements + 1)]]
-        for e in elements:
-            coefficients = self._cubics[e].copy()
-            coefficients[0] -= point
-            slopes = np.arange(1, 4)[:, None] * coefficients[1:]
-            # The square of the distance, a polynomial of degree 6, is stationary.
-            square: Any = sum(np.convolve(component, component) for component in coefficients.T)
-            x = np.roots(np.arange(6, 0, -1) * square[:0:-1])
-            powers = np.clip(x.real[abs(x.imag) < 1e-3], 0, 1)[:, None] ** np.arange(4)
-            # A step of Gauss and Newton takes away what round-off has left.
-            arm, along = powers @ coefficients, powers[:, :3] @ slopes
-            x = powers[:, 1] - np.sum(arm * along, axis=1) / np.sum(along**2, axis=1)
-            arcs.append(self.s[e] + self.h[e] * np.clip(x, 0, 1))
-        s = np.concatenate(arcs)
-        gaps = np.hypot(*(self.over(self.X[None], s) - point).T)
-        best = np.argmax(gaps <= gaps.min() + 1e-15 * self.length)  # ends of elements come first
-        return float(s[best]), float(gaps[best])
+        most = distances.min() * (1 + 1e-6) + 1e-12 * self._s[-1]
+        arcs, gaps, within = [], [], []
+        for piece in np.flatnonzero(distances - self._reach <= most):
+            x, gap = _nearest_on_cubic(self._cubics[piece] - [point, *np.zeros((3, 2))])
+            start, end = self._s[piece : piece + 2]
+            arcs.append(np.where(x < 1, start + (end - start) * x, end))
+            gaps.append(gap)
+            within.append((x > 0) & (x < 1))
+        s, gap = np.concatenate(arcs), np.concatenate(gaps)
+        is_farther = gap > gap.min() + 1e-15 * self._s[-1]
+        best = np.lexsort((s, np.concatenate(within), is_farther))[0]  # ends of pieces come first
+        return float(s[best]), float(gap[best])
+
+
+def _nearest_on_cubic(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places x in [0, 1] where the length of a cubic (4, 2) may be least, ends first; lengths."""
+    slopes = np.arange(1, 4)[:, None] * coefficients[1:]
+    # The square of the distance is a polynomial of degree 6.
+    square: Any = sum(np.convolve(component, component) for component in coefficients.T)
+    x = np.roots(np.arange(6, 0, -1) * square[:0:-1])
+    powers = np.clip(x.real[abs(x.imag) < 1e-3], 0, 1)[:, None] ** np.arange(4)
+    # A step of Gauss and Newton takes away what round-off has left.
+    arm, along = powers @ coefficients, powers[:, :3] @ slopes
+    x = powers[:, 1] - np.sum(arm * along, axis=1) / np.sum(along**2, axis=1)
+    x = np.concatenate([[0.0, 1.0], np.clip(x, 0, 1)])
+    return x, np.hypot(*(x[:, None] ** np.arange(4) @ coefficients).T)
 
 
 def _polynomials(p: int, h: np.ndarray, corner: np.ndarray) -> np.ndarray:

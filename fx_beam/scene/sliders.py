@@ -58,7 +58,7 @@ class SlidingJoint(Joint):
     def _start(self) -> tuple[float, float]:
         position = np.array([self.b.x, self.b.y])
         if self.fraction is None:
-            return self.path.nearest(position)
+            return self.path.cubics.nearest(position)
         s = self.fraction * self.path.length
         return s, float(np.hypot(*(self.path.position(s) - position)))
 
@@ -93,7 +93,7 @@ class SlidingJoint(Joint):
 
     def _misplaced(self, gap: float) -> str:
         """Error in the place of a node that is not on the beam."""
-        s, least = self.path.nearest(np.array([self.b.x, self.b.y]))
+        s, least = self.path.cubics.nearest(np.array([self.b.x, self.b.y]))
         x, y = self.path.position(s)
         place = hint = distance_text = ""
         if self.fraction is not None:
@@ -112,7 +112,7 @@ class SlidingJoint(Joint):
     def check_start(self, size: float) -> None:
         """Refuse what no joint may have, and corners under a sleeve."""
         super().check_start(size)
-        if self.turns_together and self.path.corners().any():
+        if self.turns_together and self.path.corners.any():
             raise SceneError(
                 f"{self}: the beam has corners, at which the rotation of a sleeve would jump. Use "
                 "an fx_beam.spline or arc for the beam, or a Slider"
