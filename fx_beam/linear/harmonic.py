@@ -128,6 +128,10 @@ def frequency_response(
             f"{caller}: give either a load, such as (beam.end, (0.0, 1.0)), or the motion of the "
             "base, such as base=(1.0, 0.0)"
         )
+    if at is None:
+        raise SceneError(
+            f"{caller}: say where the motion is wanted, by a node or a joint, such as at=beam.end"
+        )
     about = linearised(scene, state, caller)
     # Forces at the nodes, and over the square of the angular frequency; the motion of the base.
     force = shaking = moved = np.zeros(about.model.size)
@@ -137,7 +141,6 @@ def frequency_response(
         moved = base_motion(about, base, f"{caller}: base")
         shaking = about.model.masses.matrix @ moved
     measured = ObservedMotion(about, at, f"{caller}: at")
-    assert at is not None  # it is refused there
     f = checked_frequencies(frequencies, f"{caller}: frequencies")
     modal = None if damping_ratio is None else modal_damping(about, damping_ratio, f.max(), caller)
     vibration = Vibration(about, caller, modal)
