@@ -98,7 +98,7 @@ class CompiledLoop:
         record = self.records.next(recorder, 0, first=0)
         problem, none = self.problem, self.problem.ffi.NULL
         problem.library.fx_run(problem.c, 0, state.t, 0.0, none, none, record)
-        recorder.rows, recorder.starts = record.rows, record.starts
+        recorder.rows, recorder.starts.count = record.rows, record.starts
 
     def _run(self, state: State, steps: Steps, recorder: Rows) -> int:
         """Number of steps or parts of equal length that succeeded."""
@@ -111,7 +111,7 @@ class CompiledLoop:
         else:
             c_inputs, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
             count = self._steps(inputs.steps, state.t, dt, c_inputs, record, limits)
-        recorder.rows, recorder.starts = record.rows, record.starts
+        recorder.rows, recorder.starts.count = record.rows, record.starts
         self.count()
         return count
 

@@ -147,17 +147,36 @@ class StepGrid:
         return len(steps)
 
 
+class SubStepStarts:
+    """Starts of the sub-steps before rows, where these are not the rows before."""
+
+    def __init__(self, arrays: dict[str, np.ndarray], rows: int = 0):
+        #: Starts (n, ...) by name, and their number.
+        self.arrays, self.count = arrays, 0
+        #: Number of starts up to each row.
+        self.up_to_row = np.zeros(rows, dtype=np.int32)
+
+    def before_row(self, row: int) -> int:
+        """Number of starts up to the row before one; within a step there are more."""
+        return int(self.up_to_row[row - 1]) if row > 0 else 0
+
+    def grow(self, room: int) -> None:
+        """Make room for a number of starts."""
+        for name, array in self.arrays.items():
+            self.arrays[name] = grown(array, room, self.count)
+
+
 class NullRecorder:
     """In place of a `Recorder`, for trial steps."""
 
     #: The tape of a trial step, if it has one.
     tape: Any = None
     grid = StepGrid(np.iinfo(np.int32).max)
-    rows = starts = complete = plans = 0
+    rows = plans = 0
     end: Any = None
     #: No arrays.
     arrays: dict[str, np.ndarray] = {}
-    arrays_of_starts: dict[str, np.ndarray] = {}
+    starts = SubStepStarts({})
 
     def stores_starts(self, parts: int) -> bool:
         """Whether starts are stored: never."""
@@ -182,14 +201,12 @@ class Recorder:
         self.present: tuple[State, Any]
         #: The first state.
         self.first: State
+        self.starts = SubStepStarts(_starts(model, record.motion, record.rates))
         self.restart()
         kinds = {"always"} | {kind for kind in _KINDS if getattr(record, kind)}
         names = [name for name, quantity in ROWS.items() if quantity.record in kinds]
         #: Names of the rows that only serve the others.
         self.serving = {"q", "v"} - {*names} if model.fits_rates else set()
-        #: Starts (n, ...) of the sub-steps before rows, where these are not the rows before;
-        #: `up_to_row` has their number up to each row.
-        self.arrays_of_starts = _starts(model, record.motion, record.rates)
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
         self.arrays: dict[str, np.ndarray] = {}
         self.plan(0, times, last=True)
@@ -197,11 +214,10 @@ class Recorder:
         names += self.serving
         widths = once(model, widths_of)
         self.arrays = {name: np.zeros((rows, widths[name])) for name in names}
-        self.arrays["up_to_row"] = np.zeros(rows, dtype=np.int32)
 
     def restart(self) -> None:
         """Have no rows: those of another run of the same steps overwrite the present ones."""
-        self.rows = self.starts = 0
+        self.rows = self.starts.count = 0
         #: Number of rows before the present ones, which were forgotten.
         self.gone = 0
         #: Gives the accelerations of row 0, if they are found when they are read.
@@ -233,22 +249,22 @@ class Recorder:
         rows = self.rows + added
         for name, array in self.arrays.items():
             self.arrays[name] = grown(array, rows, self.rows)
+        self.starts.up_to_row = grown(self.starts.up_to_row, rows, self.rows)
         if self.stores_starts(1):
             self.make_room(len(self.model.scheme.fractions) * added)
         self.grid.planned = first + len(ends)
 
     def make_room(self, starts: int) -> None:
         """Make room for some more starts of sub-steps."""
-        room, arrays = self.starts + starts, self.arrays_of_starts
-        if room > min(map(len, arrays.values())):
+        room = self.starts.count + starts
+        if room > min(map(len, self.starts.arrays.values())):
             self.plans += 1
-            for name, array in arrays.items():
-                arrays[name] = grown(array, room, self.starts)
+            self.starts.grow(room)
 
     def truncate(self, rows: int) -> None:
         """Have some rows, which are written; what was begun after them is forgotten."""
         self.rows = rows
-        self.starts = self.complete
+        self.starts.count = self.starts.before_row(rows)
 
     def settle_at_end(self) -> int:
         """Have the rows up to the last state, wherever an exception came; number of its steps."""
@@ -260,28 +276,19 @@ class Recorder:
         """Have the last two rows only, on which the next ones depend."""
         gone = max(self.rows - 2, 0)
         arrays = {name: np.roll(array, -gone, axis=0) for name, array in self.arrays.items()}
-        arrays["up_to_row"][:] = 0
+        starts = SubStepStarts(self.starts.arrays, len(self.starts.up_to_row))
         late = None if gone else self.late_accelerations
         turns = {max(row - gone, 0): missing for row, missing in self.turns.items()}
         grid = copy.copy(self.grid)
         grid.steps = np.roll(grid.steps, -gone)
         rest = {"arrays": arrays, "grid": grid, "turns": turns}
-        rest |= {"rows": self.rows - gone, "starts": 0, "late_accelerations": late}
+        rest |= {"rows": self.rows - gone, "starts": starts, "late_accelerations": late}
         # At once, as an interrupt may come before or after it.
         vars(self).update(rest, plans=self.plans + 1, gone=self.gone + gone)
 
     def miss(self, turns: np.ndarray) -> None:
         """Note that full turns (size,) [rad] are missing in the rows from here on."""
         self.turns[self.rows] = turns.copy()
-
-    @property
-    def complete(self) -> int:
-        """Number of starts up to the last row; within a step there are more."""
-        return self.up_to(self.rows - 1)
-
-    def up_to(self, row: int) -> int:
-        """Number of starts up to a row; none up to row -1."""
-        return int(self.arrays["up_to_row"][row]) if row >= 0 else 0
 
     def stores_starts(self, parts: int) -> bool:
         """Whether starts of a step in parts are stored: the last one is not the previous row."""
@@ -328,18 +335,17 @@ class RecordsInC:
         record.stores_starts, record.tape = stores, self._ffi.NULL
         record.rows, record.starts, record.complete = (
             recorder.rows,
-            recorder.starts,
-            recorder.complete,
+            recorder.starts.count,
+            recorder.starts.before_row(recorder.rows),
         )
         return record
 
     def _made(self, recorder: Rows):
         """Rows of a recorder with its present arrays."""
         record = self._ffi.new("Record *")
-        rows, starts = dict(recorder.arrays), dict(recorder.arrays_of_starts)
+        rows, starts = recorder.arrays, dict(recorder.starts.arrays)
         record.every, record.forces = recorder.grid.every, "constraint_forces" in rows
-        if "up_to_row" in rows:
-            record.up_to_row = self._ffi.from_buffer("int[]", rows.pop("up_to_row"))
+        record.up_to_row = self._ffi.from_buffer("int[]", recorder.starts.up_to_row)
         for name in ("share", "memory"):
             if name in starts:
                 setattr(record, name, self._ffi.from_buffer("double[]", starts.pop(name)))

@@ -18,9 +18,9 @@ def histories_of(recorder: Recorder) -> RecordedHistories:
     rows = {name: array[:n] for name, array in recorder.arrays.items()}
     times, steps = recorder.grid.times, recorder.grid.steps[:n]
     if model.fits_rates:
-        first, starts = rows["up_to_row"][:-1], None
+        first, starts = recorder.starts.up_to_row[:n][:-1], None
         if recorder.grid.every > 1:
-            starts = tuple(recorder.arrays_of_starts[f"start_{name}"][first] for name in "qv")
+            starts = tuple(recorder.starts.arrays[f"start_{name}"][first] for name in "qv")
         driven = None if steps[0] else recorder.first.driven_rates
         fit = functools.partial(fitted, model, rows, starts, (times, steps), driven)
     t, impact = recorder.t, recorder.first.impact
@@ -42,13 +42,14 @@ class RowSteps:
 
     def __init__(self, recorder: Recorder, first: int = 0):
         self._recorder, self._first = recorder, first
-        counts = np.diff(recorder.arrays["up_to_row"][: recorder.rows], prepend=0)[first:]
+        stored = recorder.starts
+        counts = np.diff(stored.up_to_row[: recorder.rows], prepend=0)[first:]
         repeats, rows = np.maximum(counts, 1), np.arange(first, recorder.rows)
         self._row, self._stored = np.repeat(rows, repeats), np.repeat(counts > 0, repeats)
         #: Rows of starts that are stored.
-        self._starts = slice(recorder.up_to(first - 1), recorder.complete)
+        self._starts = slice(stored.before_row(first), stored.before_row(recorder.rows))
         self._shares = np.ones(len(self._row))
-        self._shares[self._stored] = recorder.arrays_of_starts["share"][self._starts]
+        self._shares[self._stored] = stored.arrays["share"][self._starts]
 
     def lengths(self) -> np.ndarray:
         """Length (n,) of the step or last part that a row's forces belong to; 0 for row 0."""
@@ -71,7 +72,7 @@ class RowSteps:
         with its rates if resultants have some, or if it `moves`.
         """
         recorder, row, stored = self._recorder, self._row, self._stored
-        model, arrays, starts = recorder.model, recorder.arrays, recorder.arrays_of_starts
+        model, arrays, starts = recorder.model, recorder.arrays, recorder.starts.arrays
         beams, at_start = model.forms.beams, not self._first
         assert beams is not None
         previous, last = np.maximum(row - 1, 0), np.flatnonzero(np.diff(row, append=recorder.rows))

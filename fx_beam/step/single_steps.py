@@ -113,7 +113,8 @@ class CompiledSingleSteps:
             self._rows = self._loop.records.next(recorder, room)
             self._plan = recorder, recorder.plans
         self._rows.rows = recorder.rows
-        self._rows.starts, self._rows.complete = recorder.starts, recorder.complete
+        self._rows.starts = recorder.starts.count
+        self._rows.complete = recorder.starts.before_row(recorder.rows)
         return self._rows
 
     def _evaluate(self, t0: float, grid: Callable[..., Any], number: int) -> None:
