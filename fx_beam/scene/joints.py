@@ -211,45 +211,6 @@ class Joint:
         slide = float(self.kinematics.slide_at(*place))
         return slide, float(np.hypot(*(place - self.kinematics.place_on_a(slide))))
 
-    def check_start(self, size: float) -> None:
-        """Refuse nodes that do not fit, motors that do not start from zero, and closed stops.
-
-        Parameters
-        ----------
-        size : float
-            Size of the scene [m]; distances are compared with it.
-
-        Raises
-        ------
-        SceneError
-            With the gap, the start value of the motor, or the place beyond a stop.
-        """
-        slide, gap = self.start()
-        if gap > 1e-9 * size:
-            raise SceneError(f"{self}: {self._misplaced(gap)}")
-        for name, coordinate in self.coordinates.items():
-            unit = size if name == "slide" else 1.0
-            if coordinate.motor is not None:
-                value = coordinate.motor(0.0)[0]
-                if not abs(value) <= 1e-9 * unit:
-                    raise SceneError(
-                        f"{self}: the motor of its {name} is {value:g} at t = 0; it must start "
-                        "from 0. Subtract the start value. To begin elsewhere, let the motor be "
-                        "there at a later time t, find the equilibrium by static(scene, t=t), and "
-                        "start from this solution"
-                    )
-            if coordinate.stop is not None:
-                start = slide if name == "slide" else 0.0
-                advice = _MOVE_ZERO if start and self.a is not GROUND else ""
-                coordinate.stop.check_start(start, 1e-9 * unit, f"{self}: its {name}", advice)
-
-    def _misplaced(self, gap: float) -> str:
-        """Error in the places of nodes that do not fit."""
-        return (
-            f"at the start there is a gap of {gap:.4g} between b and its position on a. Move the "
-            "nodes, or give the joint an offset"
-        )
-
 
 class NodalMotion(NamedTuple):
     """Motion over n rows: "q", displacements and rotations, or "v", their rates."""
@@ -265,6 +226,38 @@ class JointKinematics:
 
     def __init__(self, joint):
         self.joint = joint
+
+    def check_start(self, size: float) -> None:
+        """Refuse nodes that do not fit, motors that do not start from zero, and closed stops.
+
+        The size is that of the scene [m], with which distances are compared.
+        """
+        joint = self.joint
+        slide, gap = joint.start()
+        if gap > 1e-9 * size:
+            raise SceneError(f"{joint}: {self._misplaced(gap)}")
+        for name, coordinate in joint.coordinates.items():
+            unit = size if name == "slide" else 1.0
+            if coordinate.motor is not None:
+                value = coordinate.motor(0.0)[0]
+                if not abs(value) <= 1e-9 * unit:
+                    raise SceneError(
+                        f"{joint}: the motor of its {name} is {value:g} at t = 0; it must start "
+                        "from 0. Subtract the start value. To begin elsewhere, let the motor be "
+                        "there at a later time t, find the equilibrium by static(scene, t=t), and "
+                        "start from this solution"
+                    )
+            if coordinate.stop is not None:
+                start = slide if name == "slide" else 0.0
+                advice = _MOVE_ZERO if start and joint.a is not GROUND else ""
+                coordinate.stop.check_start(start, 1e-9 * unit, f"{joint}: its {name}", advice)
+
+    def _misplaced(self, gap: float) -> str:
+        """Error in the places of nodes that do not fit."""
+        return (
+            f"at the start there is a gap of {gap:.4g} between b and its position on a. Move the "
+            "nodes, or give the joint an offset"
+        )
 
     def place_on_a(self, slide: Any) -> np.ndarray:
         """Components (2, ...) of the place of b in the frame of a, at slides (...) [m]."""

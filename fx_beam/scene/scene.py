@@ -509,7 +509,7 @@ class Scene:
             guide, place = joint.b, joint.place_of_guide()
             joint = replace(joint, b=Node(len(self.nodes), *place, self))
         if at is None:
-            joint.check_start(self.nodes.size)
+            joint.kinematics.check_start(self.nodes.size)
         else:
             joint = placed(joint, moved_by(at, joint.a), moved_by(at, joint.b), self.nodes.size)
         twin = self._couplings.get(coupling_of(joint))

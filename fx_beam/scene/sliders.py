@@ -91,14 +91,19 @@ class SlidingJoint(Joint):
         x, y = self.path.position(self.fraction * self.path.length)
         return float(x), float(y)
 
+
+class SlidingKinematics(JointKinematics):
+    """A joint whose node b has a place on a beam."""
+
     def _misplaced(self, gap: float) -> str:
         """Error in the place of a node that is not on the beam."""
-        s, least = self.path.cubics.nearest(np.array([self.b.x, self.b.y]))
-        x, y = self.path.position(s)
+        joint, path = self.joint, self.joint.path
+        s, least = path.cubics.nearest(np.array([joint.b.x, joint.b.y]))
+        x, y = path.position(s)
         place = hint = distance_text = ""
-        if self.fraction is not None:
-            place, distance_text = f" at the fraction {self.fraction:g}", f", {least:.4g} away"
-        if self.beam.inner is not None:
+        if joint.fraction is not None:
+            place, distance_text = f" at the fraction {joint.fraction:g}", f", {least:.4g} away"
+        if joint.beam.inner is not None:
             hint = (
                 ". On a curve the axis is that of the elements, which is near the curve, and "
                 "nearer with more elements or a higher degree"
@@ -106,21 +111,18 @@ class SlidingJoint(Joint):
         return (
             f"the node is not on the axis of the beam{place}, but {gap:.4g} away{hint}. The "
             f"nearest point of the axis is ({x:.12g}, {y:.12g}), at the fraction "
-            f"{s / self.path.length:.6g} of its length{distance_text}. Move the node there"
+            f"{s / path.length:.6g} of its length{distance_text}. Move the node there"
         )
 
     def check_start(self, size: float) -> None:
         """Refuse what no joint may have, and corners under a sleeve."""
         super().check_start(size)
-        if self.turns_together and self.path.corners.any():
+        joint = self.joint
+        if joint.turns_together and joint.path.corners.any():
             raise SceneError(
-                f"{self}: the beam has corners, at which the rotation of a sleeve would jump. Use "
+                f"{joint}: the beam has corners, at which the rotation of a sleeve would jump. Use "
                 "an fx_beam.spline or arc for the beam, or a Slider"
             )
-
-
-class SlidingKinematics(JointKinematics):
-    """A joint whose node b has a place on a beam."""
 
     def parting(self, motion: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From b to its place on the beam: components x and y (n,) [m]."""
