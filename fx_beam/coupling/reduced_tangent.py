@@ -105,7 +105,8 @@ def reduced_tangent(
         pattern = sliders.bordered.pattern
     factors = joined(*(part.factors for part in added))
     counts = len(source), len(geometric), len(restoring), len(factors["sign"])
-    position, geometric_to, restoring_to, add_to, one_to = np.split(position, np.cumsum(counts))
+    position, *small_parts = np.split(position, np.cumsum(counts))
+    geometric_to, restoring_to, add_to, one_to = map(np.copy, small_parts)  # the large one goes
     virtual, value, sign = left.value_at, right.value_at, left.sign * right.sign
     direct = (virtual == 0) & (value == 0) & (sign == 1) & (source < matrix.nnz)
     names = "to", "from", "virtual", "value", "sign"

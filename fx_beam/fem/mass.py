@@ -33,10 +33,11 @@ class MassPlaces:
         self, scene: Scene, mesh: Mesh, K: scipy.sparse.csr_matrix, cell_entries: np.ndarray
     ):
         self._K, self._cells = K, len(mesh.elements)
-        all_rows = np.arange(len(K.indptr) - 1)
+        all_rows = np.arange(len(K.indptr) - 1, dtype=np.int32)
         row = np.repeat(all_rows, np.diff(K.indptr))
         # Entries of equal displacements of two nodes in the values of the stiffness, and rows.
-        self._translations = np.flatnonzero((row % 3 == K.indices % 3) & (row % 3 < 2))
+        same_direction = (row % 3 == K.indices % 3) & (row % 3 < 2)
+        self._translations = np.flatnonzero(same_direction).astype(np.int32)
         self._translated = row[self._translations]
         #: Positions of the diagonal in the values of the stiffness.
         self.diagonal = positions_in(K.indptr, K.indices, all_rows, all_rows)
@@ -96,10 +97,10 @@ class Mass:
         self._mesh = mesh
         #: Where masses are in the values of the stiffness.
         self.places = MassPlaces(scene, mesh, K, cell_entries)
-        #: Entries of the mass in these values, and the weight (size,); None without gravity.
-        self.values, self.weight = np.zeros(K.nnz), None
         #: Mass matrix (eqs 19 to 21), lumped entries included, of the stiffness' sparsity.
-        self.matrix = self.places.matrix(self.values)
+        self.matrix = self.places.matrix(np.zeros(K.nnz))
+        #: Weight (size,); None without gravity.
+        self.weight: np.ndarray | None = None
         #: Names of what is assembled.
         self.assembled: list[str] = []
         # Masses, gravity and positions without slopes, and the numbers that follow from them.
@@ -141,12 +142,12 @@ class Mass:
 
     def check(self, numbers: dict[str, MaybeDual]) -> None:
         """OtherStructureError if other entries are zero."""
-        if ((self.values != 0) != (floats(numbers["mass"]) != 0)).any():
+        if ((self.matrix.data != 0) != (floats(numbers["mass"]) != 0)).any():
             raise OtherStructureError("other nodes have mass")
 
     def bind(self, numbers: dict[str, MaybeDual]) -> None:
         """Set mass and weight."""
-        self.values[:] = floats(numbers["mass"])
+        self.matrix.data = floats(numbers["mass"])
         if "weight" in numbers:
             self.weight = floats(numbers["weight"])
 

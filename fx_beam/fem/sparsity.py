@@ -71,7 +71,7 @@ def matrix_between(elements: np.ndarray, nodes: int) -> scipy.sparse.csr_matrix:
     column = np.append(numbers, np.tile(elements, (1, n)))
     pairs = scipy.sparse.csr_matrix((np.ones(len(row)), (row, column)))
     matrix = scipy.sparse.kron(pairs, np.ones((3, 3)), "bsr").tocsr()
-    matrix.data[:] = 0.0
+    matrix.data = np.zeros(matrix.nnz)  # new, as zeros that nobody sets take no memory
     return matrix
 
 
@@ -82,5 +82,5 @@ def with_pairs(matrix: scipy.sparse.csr_matrix, pairs: np.ndarray) -> scipy.spar
     existing = np.ones(matrix.nnz), matrix.indices, matrix.indptr
     added = scipy.sparse.csr_matrix((np.ones(len(pairs)), tuple(pairs.T)), matrix.shape)
     union = scipy.sparse.csr_matrix(existing, matrix.shape) + added
-    union.data[:] = 0.0
+    union.data = np.zeros(union.nnz)
     return union

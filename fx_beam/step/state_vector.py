@@ -40,7 +40,11 @@ class StateVector:
         #: Arrays of the state, and positions (driven,) of driven motions.
         self.arrays = {name: arrays[name].reshape(shape) for name, shape in self.shapes.items()}
         # Zeros for those that are not empty, which the memory begins with.
-        self._blank = {name: 0.0 * array for name, array in self.arrays.items() if array.size}
+        self._blank = {
+            name: np.broadcast_to(0.0, array.shape)
+            for name, array in self.arrays.items()
+            if array.size
+        }
         self._begin = self.memory[: sum(array.size for array in self._blank.values())]
         # Names of those that states have: before the first step, and after it without and with the
         # forces of joints and obstacles, which only steps that are recorded compute.

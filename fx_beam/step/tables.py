@@ -86,7 +86,7 @@ class SceneNumbers:
         if masses:
             values, turning = 0, 0 if kind.turns else 1  # centrifugal forces have no moments
             if len(self._storage.mass_entries):
-                values = model.masses.values[self._storage.mass_entries] * [1, 1, turning]
+                values = model.masses.matrix.data[self._storage.mass_entries] * [1, 1, turning]
             numbers["mass.value"] = np.append(kind.inertia * values, 0.0)
         if kind.rates:
             from .inertia import little_mass
