@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import mmap
 from collections.abc import Container
 from typing import Any, NamedTuple
 
@@ -93,6 +94,8 @@ _NOT_ALWAYS = "stored_at", "run", "single_start", "single_from", "single_to", "i
 _OF_THREADS = "colour_start", "piece"
 # Blocks of cells that have their coefficients each.
 _FEW = 64
+# Size from which zeros are in pages of their own [bytes].
+_LARGE = 1 << 22
 # What is read before any step.
 _NO_STEP = StepBatch(np.zeros(1), np.ones(1))
 
@@ -261,8 +264,16 @@ class CellData:
 
 
 def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:
-    """Zeros that begin with a cache line, as vectors of the processor are faster there."""
+    """Zeros that begin with a cache line, as vectors of the processor are faster there.
+
+    Many are in pages of their own: those that nobody sets take no memory.
+    """
     line, size = 64, math.prod(shape) * np.dtype(dtype).itemsize
+    if size >= _LARGE:
+        pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        if hasattr(mmap, "MADV_HUGEPAGE"):
+            pages.madvise(mmap.MADV_HUGEPAGE)
+        return np.frombuffer(pages, dtype).reshape(shape)
     space = np.zeros(size + line, dtype=np.int8)
     begin = -space.ctypes.data % line
     return space[begin : begin + size].view(dtype).reshape(shape)

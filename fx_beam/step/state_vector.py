@@ -13,6 +13,7 @@ import numpy as np
 from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
 
+from .form_tables import aligned_zeros
 from .model import Model, once, sizes_of
 
 #: A copy of the memory, and of the numbers that go with it.
@@ -33,7 +34,7 @@ class StateVector:
         errors = {"ages": C.PAST + 1, "past": C.PAST * n, "last": (C.AVERAGED - 1) * n}
         all_sizes = sizes | past | {f"error_{name}": size for name, size in errors.items()}
         #: The memory, which C copies before a step with sub-steps, and where its arrays are in it.
-        self.memory = np.zeros(sum(all_sizes.values()))
+        self.memory = aligned_zeros(sum(all_sizes.values()))
         ends = itertools.pairwise(itertools.accumulate(all_sizes.values(), initial=0))
         self.places = dict(zip(all_sizes, itertools.starmap(slice, ends), strict=True))
         arrays = {name: self.memory[place] for name, place in self.places.items()}
@@ -57,6 +58,7 @@ class StateVector:
         )
         self._driven = arrays["driven_now"]
         self._ages = arrays["ages"], arrays["error_ages"]
+        self._set_ages()
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.
         first, stop = (ffi.offsetof(ffi.typeof(c).item, name) for name in ("state", "run"))
         self._numbers = ffi.buffer(ffi.addressof(c, "state"), stop - first)
@@ -74,6 +76,9 @@ class StateVector:
     def clear(self) -> None:
         """Forget the last run."""
         self.memory[:] = 0.0
+        self._set_ages()
+
+    def _set_ages(self) -> None:
         for ages in self._ages:
             ages[:] = 1.0
 

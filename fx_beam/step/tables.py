@@ -6,6 +6,7 @@ in the C files: Newton's method, couplings and nodal rates.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +46,13 @@ _NOT_ALWAYS = {
     "statics": ("hold", "hold_dof", "viscous_weight", "diagonal_at"),
     "newton": ("find", "predicted"),
 }
+
+
+def _return_freed_memory() -> None:
+    """Return what was freed to the system: C's library, if it is GNU's, keeps it for later."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
 
 
 class SceneNumbers:
@@ -160,9 +168,10 @@ class Problem:
         #: Work space of C.
         self.scratch = aligned_zeros(self.library.fx_scratch(self.c))
         self.set(run={"scratch": self.scratch})
-        self.state.clear()
         self.structs.check(self.c)
         self.structs.remember(self.c)
+        if storage.is_large:
+            _return_freed_memory()
 
     @classmethod
     def of(cls, model: Model, kind: ProblemKind) -> Problem:
