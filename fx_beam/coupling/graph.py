@@ -229,7 +229,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     # Auxiliaries depend on no columns of nodes that slide.
     whole = {joint.b.number for joint in sliding_joints(scene.joints)}
     sums = _Sums(columns, forests, arm_joints, whole)
-    column = columns.root.flatten()
+    column = columns.root.astype(np.int32).ravel()
     summed = {}
     for key, entries in sums.entries.items():
         if key[0] < 0:
@@ -275,7 +275,7 @@ def _all_entries(column: np.ndarray, sums: dict[int, list[Entry]]) -> Entries:
     alone, summed = np.flatnonzero(column >= 0), Entries.of(sums.items())
     entries = Entries(
         np.append(alone.astype(np.int32), summed.row),
-        np.append(column[alone].astype(np.int32), summed.column),
+        np.append(column[alone], summed.column),
         np.append(np.zeros(len(alone), np.int32), summed.value_at),
         np.append(np.ones(len(alone)), summed.sign),
     )
@@ -286,7 +286,7 @@ def _free_columns(
     column: np.ndarray, columns: _Columns
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """`Couplings.free_columns` of columns (size,)."""
-    dofs = np.flatnonzero((column >= 0) & (column < columns.free))
+    dofs = np.flatnonzero((column >= 0) & (column < columns.free)).astype(np.int32)
     slides = np.array([pair for pair in columns.slides.items() if pair[1] < columns.free], int)
     number, slide_columns = slides.reshape(-1, 2).T
     return column[dofs], dofs, slide_columns, number

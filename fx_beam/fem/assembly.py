@@ -34,10 +34,11 @@ class Space:
 
 
 class Field:
-    """A function of a space, by its values (size,)."""
+    """A function of a space, by its values (size,), which are zero if it has `none` of its own."""
 
-    def __init__(self, space: Space):
-        self.space, self.array = space, np.zeros(space.size)
+    def __init__(self, space: Space, none: bool = False):
+        self.space = space
+        self.array = np.broadcast_to(0.0, space.size) if none else np.zeros(space.size)
 
 
 class Term:

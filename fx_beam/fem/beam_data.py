@@ -191,7 +191,7 @@ class BeamData:
             named |= {name: Field(mesh.space(degree, 3)) for name in NATURAL}
         # Weights of forces and of increments of internal variables, and changes of parameters, by
         # which derivatives are taken: they are zero.
-        named |= {name: Field(mesh.unknowns) for name in (*NODAL, "weight 0")}
+        named |= {name: Field(mesh.unknowns, none=True) for name in (*NODAL, "weight 0")}
         if facts.width:
             named["weight 1"] = Field(named["internal"].space)
         if facts.names:

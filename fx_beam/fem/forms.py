@@ -74,7 +74,7 @@ class Forms:
         loses, beams = self.points.any_have("loss"), self.beams
         self.dissipate = loses or (beams is not None and beams.dissipate)
         self.depend_on_rates = follow or loses or (beams is not None and beams.depend_on_rates)
-        #: Matrix with the entries of beams and of each node.
+        #: Sparsity with the entries of beams and of each node, of zeros.
         self.beam_pattern = matrix_between(mesh.elements, len(mesh.X))
         #: Tangent of all forces, and the places (cells, n * n) in it of the entries of cells.
         nodal = self.points.pairs.min(axis=1) >= 0

@@ -65,22 +65,22 @@ def blocks_with(
 
 
 def matrix_between(elements: np.ndarray, nodes: int) -> scipy.sparse.csr_matrix:
-    """A zero matrix with a block of 3 x 3 for each node, and for each two nodes of an element."""
+    """Sparsity with a block of 3 x 3 for each node, and for each two nodes of an element."""
     numbers, n = np.arange(nodes), elements.shape[1]
     row = np.append(numbers, np.repeat(elements, n, axis=1))
     column = np.append(numbers, np.tile(elements, (1, n)))
     pairs = scipy.sparse.csr_matrix((np.ones(len(row)), (row, column)))
     matrix = scipy.sparse.kron(pairs, np.ones((3, 3)), "bsr").tocsr()
-    matrix.data = np.zeros(matrix.nnz)  # new, as zeros that nobody sets take no memory
+    matrix.data = np.zeros(matrix.nnz, np.int8)
     return matrix
 
 
 def with_pairs(matrix: scipy.sparse.csr_matrix, pairs: np.ndarray) -> scipy.sparse.csr_matrix:
-    """A zero matrix with more entries, at some rows and columns (n, 2); itself for none."""
+    """Sparsity with more entries, at some rows and columns (n, 2); itself for none."""
     if not len(pairs):
         return matrix
     existing = np.ones(matrix.nnz), matrix.indices, matrix.indptr
     added = scipy.sparse.csr_matrix((np.ones(len(pairs)), tuple(pairs.T)), matrix.shape)
     union = scipy.sparse.csr_matrix(existing, matrix.shape) + added
-    union.data = np.zeros(union.nnz)
+    union.data = np.zeros(union.nnz, np.int8)
     return union

@@ -32,8 +32,7 @@ class StepForces:
     def tangent(self) -> scipy.sparse.csr_matrix:
         """Derivatives of the last internal forces, with contact of members in its sparsity."""
         forms = self._forms
-        K, members = forms.stiffness.copy(), forms.points.members
-        K.data[:] = 0.0
+        K, members = forms.stiffness.astype(float), forms.points.members
         if forms.beams is not None:
             forms.beams.add_tangent(self._step, K.data, forms.cell_entries)
         forms.compiled_points.add_tangent(K.data)

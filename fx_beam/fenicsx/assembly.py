@@ -25,8 +25,7 @@ class Assembly:
     def __init__(self, form: StepForm, model: Model):
         self.form, self.fields, self.grid, self.model = form, form.fields, form.grid, model
         #: Sparsity (size, size) of the tangent of all forces.
-        self.pattern = model.forms.stiffness.copy()
-        self.pattern.data[:] = 0.0
+        self.pattern = model.forms.stiffness.astype(float)
         self._local = PETSc.Mat().createAIJ(
             self.pattern.shape, csr=csr_of(self.pattern), comm=MPI.COMM_SELF
         )

@@ -29,6 +29,8 @@ COMPONENTS = ("x", "y", "rotation")
 MOST_ELEMENTS = 1_000_000
 #: Number of elements of a beam by default, by their degree.
 USUAL_ELEMENTS = {1: 16, 2: 4, 3: 2}
+# Largest number of elements of a beam whose layout is kept for others.
+_MOST_KNOWN = 10_000
 
 
 @dataclass(frozen=True)
@@ -388,7 +390,7 @@ def polyline(
     """
     if elements is None:
         elements = max(USUAL_ELEMENTS[degree], len(listed_points(points, f"beam {name!r}")[0]) - 1)
-    if type(elements) is int and (places := _plain(points)):
+    if type(elements) is int and elements <= _MOST_KNOWN and (places := _plain(points)):
         ends, s = _known(places, elements, name)
         return Layout([points[0], *ends[1:-1], points[-1]], s)
     return _polyline(points, elements, name)

@@ -179,8 +179,8 @@ class Model:
         columns[driven:] += len(motors)  # which are between
         self.prescribed = (3 * nodes + components)[:driven]
         node_columns, motor_columns = (
-            np.full(self.mesh.dofs.shape, -1),
-            np.full(scene.joint_count, -1),
+            np.full(self.mesh.dofs.shape, -1, np.int32),
+            np.full(scene.joint_count, -1, np.int32),
         )
         node_columns[nodes, components] = columns
         motor_columns[motors] = driven + np.arange(len(motors))
