@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import mmap
 from collections.abc import Container
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -272,7 +273,8 @@ def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:
     if size >= _LARGE:
         pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         if hasattr(mmap, "MADV_HUGEPAGE"):
-            pages.madvise(mmap.MADV_HUGEPAGE)
+            with suppress(OSError):  # a kernel without huge pages
+                pages.madvise(mmap.MADV_HUGEPAGE)
         return np.frombuffer(pages, dtype).reshape(shape)
     space = np.zeros(size + line, dtype=np.int8)
     begin = -space.ctypes.data % line
