@@ -111,7 +111,7 @@ class ColumnMap:
 
     @property
     def array(self) -> np.ndarray:
-        """The same of a small scene, as an array, which takes far less time."""
+        """Array (rows, columns) of the matrix, for a small scene, which takes far less time."""
         if len(self._dependent):
             return self.matrix.toarray()
         row, column, values = self._weights

@@ -93,7 +93,7 @@ class _Parts(NamedTuple):
 
 
 def _inertia(scene: Scene, mesh: Mesh, mass: scipy.sparse.csr_matrix) -> np.ndarray:
-    """What resists the rates of nodes (n_node, 3): mass, or linear drag; zero for nothing."""
+    """Masses or linear drags (n_node, 3) that resist the rates of nodes; zero for neither."""
     diagonal = mass.diagonal().reshape(-1, 3)
     for drag in scene.drags:
         linear, rotation = drag.linear.min(), drag.rotation[0]

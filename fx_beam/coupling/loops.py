@@ -98,7 +98,7 @@ class Loops:
 
     @property
     def singularity(self) -> str:
-        """What is wrong in a singular position."""
+        """Reason why a position is singular, for an error."""
         names = "; ".join(dict.fromkeys(str(closure.joint) for closure in self._couplings.closures))
         return (
             f"the loops that {names} close are in a singular position, such as bars in one "

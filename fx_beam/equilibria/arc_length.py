@@ -281,7 +281,7 @@ class ArcLength:
         return 0.0, Advance([new], ahead, target, step.iterations, limit)
 
     def error(self, state: State, failure: StepFailed) -> StepError:
-        """What to report of a step that failed after all cuts."""
+        """Error of a step that failed after all cuts."""
         message = f"the step along the arc length from load factor {state.t:.6g} failed"
         advice = "Try more steps or cuts (max_cuts), and check the units of loads and stiffnesses"
         return self._failures.error(message, self.stepper.options.max_cuts, state, failure, advice)

@@ -196,7 +196,7 @@ class Settling:
         return any(np.ptp(turn) > turns for turn in beams)
 
     def where(self, free: np.ndarray) -> str:
-        """What moves most in a small motion (size,)."""
+        """Name of the component that moves most in a small motion (size,)."""
         node, component = self._most(free)
         return f"{component} of {self.model.mesh.named(node, self.model.scene)}"
 
@@ -206,7 +206,7 @@ class Settling:
         return node, COMPONENTS[component]
 
     def _error(self, reason: str, free: np.ndarray | None = None) -> SceneError:
-        """That loads do not hold a mechanism, why, and a support against a motion (size,)."""
+        """Error of a mechanism that loads do not hold: why, a support against a motion (size,)."""
         support = "" if free is None else f', such as fix(node, "{self._most(free)[1]}"),'
         return SceneError(
             f"{self._why}. Loads may hold such a part, as gravity holds a pendulum, but "

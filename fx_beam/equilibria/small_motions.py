@@ -62,7 +62,7 @@ class SmallMotions:
         return self.extended(state).matrix
 
     def extended(self, state: State) -> Extended:
-        """The same, in long trees with auxiliary unknowns."""
+        """The tangent of an equilibrium, in long trees with auxiliary unknowns."""
         self._loop.balance(state, state.t)
         return self._loop.equations.extended()
 

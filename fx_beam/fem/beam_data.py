@@ -1,4 +1,4 @@
-"""What the forms of beams depend on and read: their kind, data of a scene, fields on its mesh."""
+"""Data that forms of beams depend on and read: kind, numbers of a scene, fields on its mesh."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ def plane(
     place: Any = 0.0,
     parameter: float = 1.0,
 ) -> Condition:
-    """That a motion begins in a plane through the rows of a place, over scales, and a parameter.
+    """Condition for a start in a plane through the rows of a place, over scales, and a parameter.
 
     The last entry of its normal (rows + 1,) is for the parameter's logarithm.
     """
@@ -94,7 +94,7 @@ def plane(
 
 
 def turning_point(shooting: Shooting, goal: Period) -> Condition:
-    """That a motion begins where its speed turns: at rest, if it returns on its way.
+    """Condition for a start where the speed turns: at rest, if the motion returns on its way.
 
     The direction of the acceleration there is that of the motion it should be like.
     """
@@ -226,7 +226,7 @@ class _Search:
         return size / self.allowed, self.idle >= _IDLE and self.error < ROUND_OFF
 
     def failure(self) -> NotClosed:
-        """That no periodic motion was found."""
+        """Error of a search that found no periodic motion."""
         advice = ""
         if self.error < 1e-3:
             tolerance = f"{2 * self.error:.0e}"

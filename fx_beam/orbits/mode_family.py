@@ -90,7 +90,7 @@ class ModeFamily:
         return self._shooting.variables.shifted(self._rest, amplitude * self._vector)
 
     def _holds(self, amplitude: float) -> Condition:
-        """That the start has an amplitude."""
+        """Condition for the amplitude [m or rad] of the start."""
         unit, most = self._shooting.model.units.nodes[self.most], self.most
 
         def error(period: Period) -> float:
@@ -183,7 +183,7 @@ class ModeFamily:
 
 
 def holds_energy(shooting: Shooting, energy: float, unit: float) -> Condition:
-    """That a motion has an energy."""
+    """Condition for the energy [J] of a motion."""
 
     def error(period: Period) -> float:
         return (shooting.variables.energy(period.start) - energy) / unit

@@ -102,7 +102,7 @@ def motion_of(
     held_dof: int = 0,
     state: Solution | None = None,
 ) -> PeriodicMotion:
-    """What users get of a periodic motion."""
+    """Periodic motion for users."""
     warn_of_round_off(shooting, [closed.left_over])
     period = closed.period
     energy, multipliers = shooting.variables.energy(period.start), multipliers_of(closed)
@@ -174,7 +174,7 @@ class Path:
         return new, onwards
 
     def family(self, motions: Iterator[Closed]) -> PeriodicFamily:
-        """What users get of motions along this path."""
+        """Family for users, of motions along this path."""
         members, critical = list[PeriodicMotion](), dict[int, functools.partial[PeriodicMotion]]()
         chosen_by = "arc" if self._free else "frequency"
         left_over = list[float]()
