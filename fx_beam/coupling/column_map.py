@@ -70,10 +70,10 @@ class ColumnMap:
         row, column, values = self._weights
         return np.bincount(row, values * self.with_dependent(z)[column], self.shape[0])
 
-    def transposed(self, r: np.ndarray, on_columns: np.ndarray) -> np.ndarray:
-        """A^T r + forces `on_columns`; forces on dependent columns are passed on to the others."""
+    def transposed(self, r: np.ndarray, column_forces: np.ndarray) -> np.ndarray:
+        """A^T r + `column_forces`; those on dependent columns are passed on to the others."""
         row, column, values = self._weights
-        out = np.bincount(column, values * r[row], self.shape[1]) + on_columns
+        out = np.bincount(column, values * r[row], self.shape[1]) + column_forces
         if len(self._dependent):
             out -= self._C.T @ self._solve(out[self._dependent], "T")
             out[self._dependent] = 0.0

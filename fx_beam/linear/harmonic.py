@@ -321,7 +321,9 @@ class ObservedMotion:
         #: Names of the components; matrices that give them from the motion of all nodes (m, size),
         #: but for slides, and from the unknowns (m, free).
         self.names = tuple(outputs)
-        self.node_rows = np.vstack([motion_rows(model, of, nodes, no_slides) for of in listed])
-        column_rows = np.vstack([motion_rows(model, of, no_nodes, slides) for of in listed])
+        self.node_rows = np.vstack(
+            [motion_rows(model, output, nodes, no_slides) for output in listed]
+        )
+        column_rows = np.vstack([motion_rows(model, output, no_nodes, slides) for output in listed])
         rows = zip(self.node_rows, column_rows, strict=True)
         self.rows = np.array([about.unknown_forces(*parts) for parts in rows])

@@ -131,13 +131,13 @@ class FirstOrder:
         counts = np.cumsum([0, masses, damped, k, masses, m])
         eye = np.eye(counts[-1])
         yh, ya, p, s, u = (eye[i:j] for i, j in zip(counts[:-1], counts[1:], strict=True))
-        over_mass = scipy.sparse.linalg.splu(M[h, h].tocsc()).solve if masses else np.copy
+        solve_mass = scipy.sparse.linalg.splu(M[h, h].tocsc()).solve if masses else np.copy
         solve, C_a, K_b = np.linalg.solve, C[a, a].toarray(), K[b, b].toarray()
         dp = R @ u
-        self.moved = over_mass(Mp[h])
+        self.moved = solve_mass(Mp[h])
         #: Jumps of what has damping only, and of the rates of masses, with the inputs.
         self.shifts = solve(C_a, G[a])
-        self.kicks = over_mass(G[h] - C[h, a] @ self.shifts)
+        self.kicks = solve_mass(G[h] - C[h, a] @ self.shifts)
         dyh = s + self.kicks @ u - self.moved @ dp
         ya = ya + self.shifts @ u
         try:
@@ -155,7 +155,7 @@ class FirstOrder:
             return F[rows] @ u - elastic - C[rows, h] @ dyh - Cp[rows] @ dp
 
         dya = solve(C_a, force(a))
-        ds = over_mass(force(h) - C[h, a] @ dya)
+        ds = solve_mass(force(h) - C[h, a] @ dya)
         dyb = -Bh @ dyh - Ba @ dya - Bp @ dp
         self.dx = np.vstack([dyh, dya, dp, ds])
         moved = np.zeros((len(P), counts[-1]))
@@ -198,8 +198,8 @@ def _kinds(
     if heavy.all() and _are_definite(M):
         return scipy.sparse.identity(count, format="csr"), count, 0
     identity = np.eye(count)
-    heavy_basis, without = split(M.toarray(), identity[:, heavy])
-    rest = np.hstack([without, identity[:, ~heavy]])
+    heavy_basis, light_basis = split(M.toarray(), identity[:, heavy])
+    rest = np.hstack([light_basis, identity[:, ~heavy]])
     C = unit[:, None] * C.toarray() * unit
     most = abs(C).max(initial=0.0)
     damped, neither = split((C + C.T) / 2, sized(rest / unit[:, None]), _LEVER**2 * most)

@@ -118,12 +118,12 @@ class Linearisation:
         return moved
 
     def unknown_forces(
-        self, forces: np.ndarray, on_columns: np.ndarray | None = None
+        self, forces: np.ndarray, column_forces: np.ndarray | None = None
     ) -> np.ndarray:
         """T^T f (free,) for forces f (size,) at nodes, or also those (columns,) on columns."""
         others = np.zeros(self._count)
-        if on_columns is not None:
-            others[: len(on_columns)] = on_columns
+        if column_forces is not None:
+            others[: len(column_forces)] = column_forces
         parts = self.coupling.transposed(forces.real, others)[self.unknowns]
         if np.iscomplexobj(forces):
             parts = parts + 1j * self.coupling.transposed(forces.imag, 0 * others)[self.unknowns]

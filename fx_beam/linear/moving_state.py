@@ -321,10 +321,10 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
         z = np.zeros(count)
         z[points.columns] = slid[points.slides]
         forms.compiled_points.evaluate_slides(z)
-        on_slides = np.zeros((2, count))
+        slide_forces = np.zeros((2, count))
         for k in (0, 1):
-            np.add.at(on_slides[k], points.columns, forms.compiled_points.on_slides(k))
-        return f, forces.tangent(), *on_slides
+            np.add.at(slide_forces[k], points.columns, forms.compiled_points.on_slides(k))
+        return f, forces.tangent(), *slide_forces
 
     if not forms.depend_on_rates:
         f, half, pushes, half_slides = step(INSTANT, moving=False)
