@@ -284,10 +284,10 @@ class DualArray(np.ndarray):
         return (self[i] for i in range(len(self)))
 
 
-def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Dual:
-    """Numbers x (m,) with the slopes dx/dx = 1; the ones `without` have the slope 0."""
+def slopes_by(x: np.ndarray, constant: Iterable[int] = ()) -> Dual:
+    """Numbers x (m,) with the slopes dx/dx = 1; those of the numbers `constant` are 0."""
     slopes = np.eye(len(x))
-    for i in without:
+    for i in constant:
         slopes[i, i] = 0.0
     return Dual(x, slopes)
 

@@ -158,7 +158,7 @@ class BuiltScenes:
         """The numbers of a scene, and slopes (m, ...) by those of x that have no `reasons`."""
         while len(lost := self.reasons.keys() - self._names.keys()) < len(x):
             try:
-                dual = slopes_by(x, without=lost)
+                dual = slopes_by(x, constant=lost)
                 change = Dual(np.zeros(len(x)), dual.slopes)
                 numbers = numbers_of(known if self._is_dual else self._scene_at(dual), change)
                 break

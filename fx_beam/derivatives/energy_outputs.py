@@ -89,8 +89,8 @@ def _springs(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
     if points.members is not None:
         from fx_beam.fem.member_slopes import energy_slopes
 
-        for name, by_members in energy_slopes(points.members, q, internal).items():
-            slopes[name] = slopes.get(name, 0.0) + by_members
+        for name, member_slope in energy_slopes(points.members, q, internal).items():
+            slopes[name] = slopes.get(name, 0.0) + member_slope
     return slopes
 
 
@@ -211,8 +211,8 @@ def check_work(model: Model, measured: Measured, name: str, start_reason: str) -
     parts, other_work, refusal = sum_of(model, measured.name), _other_work(model), start_reason
     if model.scheme.rates.at_rest:
         reason = why_no_work(model) if measured.name == "work" else ""
-        if parts.losses and (without := why_no_losses(model)):
-            reason = f"where {without}"
+        if parts.losses and (loss_refusal := why_no_losses(model)):
+            reason = f"where {loss_refusal}"
         refusal = reason and f"has no derivatives in equilibria {reason}"
     elif parts.energy and not model.scheme.balances_energy:
         refusal = (

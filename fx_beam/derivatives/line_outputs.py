@@ -22,7 +22,7 @@ class LineOutput(RowOutput):
 
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
-        self._line, self._law = measured.place.number, measured.by_law
+        self._line, self._law = measured.place.number, measured.law_quantity
         self._values = PointValues(self._sub_steps.model.points, self._law, self._line)
 
 

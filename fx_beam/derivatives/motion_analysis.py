@@ -94,7 +94,7 @@ class MotionAnalysis(Analysis):
     def _rows_of(self, run: Run) -> dict[str, np.ndarray]:
         """The outputs from the rows of a run; empty if these are not all, or places need a look."""
         options, model = self._options, run.prepared.model
-        looks = self.parameters.scene.contacts or model.kinks.of_contact
+        looks = self.parameters.scene.contacts or model.kinks.has_contact
         looks = looks or len(self._measured) < len(self.outputs)  # functions of the solution
         if looks or options.tolerance is not None or options.record.times is not None:
             return {}
@@ -138,7 +138,7 @@ class MotionAnalysis(Analysis):
         # Without derivatives of the equilibrium before, differences compute it for other x.
         if self.path is not None and not why_not(self.path):
             derivatives = self.parameters.derivatives
-            lines = [measured for measured in self.measured if measured.by_law == "pull"]
+            lines = [measured for measured in self.measured if measured.law_quantity == "pull"]
             start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
         first = self._options.dt if self._options.tolerance is None else tape.times.first_length
         accelerations = self._accelerations_by_x(first)

@@ -93,8 +93,8 @@ class Observation:
         if needs.rates and not model.scheme.rates.at_rest:
             lists.append(steps.starts)
         if needs.steps:
-            within = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
-            lists += [within, within + 1, np.maximum(within - 1, 0)]
+            step_numbers = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
+            lists += [step_numbers, step_numbers + 1, np.maximum(step_numbers - 1, 0)]
         if summed(outputs) and not first:
             lists.append(np.zeros(1, dtype=int))
         self.sub_steps = steps.sub_steps if needs.rates else steps.sub_steps[:0]

@@ -24,8 +24,8 @@ def kind_of(measured: Measured) -> type[RowOutput]:
         return ResultantOutput
     if is_section_force(measured.output):
         return SectionOutput
-    if measured.by_law:
-        return PullOutput if measured.by_law == "pull" else StateOutput
+    if measured.law_quantity:
+        return PullOutput if measured.law_quantity == "pull" else StateOutput
     return LocalOutput
 
 

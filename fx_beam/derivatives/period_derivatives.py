@@ -162,8 +162,9 @@ class PeriodDerivatives:
                 f"{WHAT}: an amplitude about a state has derivatives if motion(scene) computes "
                 "this by static(scene). Or give the energy"
             )
-        at_rest = StaticDerivatives(path).change_of_end(self._parameters.derivatives, WHAT).of_nodes
-        return at_rest[:, cycle.held]
+        equilibrium = StaticDerivatives(path)
+        end = equilibrium.change_of_end(self._parameters.derivatives, WHAT)
+        return end.node_changes[:, cycle.held]
 
     def _energy_by_x(self) -> np.ndarray:
         """Derivatives (m,) of the energy of the start, of which the variables are held."""

@@ -175,7 +175,7 @@ class StateChange:
     def __init__(self, derivatives: StaticDerivatives, changes: dict[str, np.ndarray]):
         self._path, self._state, self._changes = derivatives.path, derivatives.states[-1], changes
         #: Those of the configuration (m, size).
-        self.of_nodes = changes["q"]
+        self.node_changes = changes["q"]
 
     def at(self, data: Data, change: Any) -> State:
         """The equilibrium with a change of the numbers (m,), for those of a scene.

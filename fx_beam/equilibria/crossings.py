@@ -87,11 +87,11 @@ class Crossings:
             multiplicity = bracket.many - bracket.few
             try:
                 root = root_of(piece, self.eigenvalue(piece, bracket.few), bracket)
-                on_path = self._is_on_path(root, multiplicity, max(counts))
+                stays = self._is_on_path(root, multiplicity, max(counts))
             except FAILURES as failure:
                 reason = str(failure)
                 continue
-            if not on_path:
+            if not stays:
                 reason = "the step reaches another path"
             elif root.place - last > SAME * piece.length:  # else it is the same one, divided
                 crossings.append(Crossing(root, multiplicity))

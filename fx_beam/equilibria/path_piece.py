@@ -256,7 +256,7 @@ def _jump(
     K, model = piece.stiffness(low if measure(low) < 0 else high), piece.model
     kind = "flow" if piece.flows else "kink"
     if model.kinks.switched(piece.at(low), piece.at(high)):
-        kind = "contact" if model.kinks.of_contact else "kink"
+        kind = "contact" if model.kinks.has_contact else "kink"
     elif not (piece.flows or model.kinks.bend):
         step = piece.at(high).q - piece.at(low).q
         raise StepFailed("off the path", "the step reaches another path", step)

@@ -117,8 +117,8 @@ def _sized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def laws_of_forces(laws: Sequence[PointLaw], rule: StepRule) -> list[CompiledLaw | LineLaw]:
     """Compiled laws of forces at points, also of lines over points."""
-    compiled = compiled_laws([law.of_length or law for law in laws], rule)
+    compiled = compiled_laws([law.length_law or law for law in laws], rule)
     return [
-        LineLaw(law, compiled_law, rule.level) if law.of_length else compiled_law
+        LineLaw(law, compiled_law, rule.level) if law.length_law else compiled_law
         for law, compiled_law in zip(laws, compiled, strict=True)
     ]

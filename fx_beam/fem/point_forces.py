@@ -139,7 +139,7 @@ def _placed(
     """Forces by their roles, and what all are given; variables have places as forces come."""
     laws = [force.law for force in forces]
     compiled: Sequence[CompiledLaw | LineLaw]
-    if any(law.of_length for law in laws):
+    if any(law.length_law for law in laws):
         from .line_laws import laws_of_forces
 
         compiled = laws_of_forces(laws, rule)

@@ -56,9 +56,9 @@ class ForceStep:
         #: Rates at the start, none in statics; time at the scheme's level, length of the step.
         self.rates = take(n)
         self.t, self.dt = take(2)
-        self._per_dt = 1 / self.dt
+        self._inverse_dt = 1 / self.dt
         if rule.at_rest:
-            self.rates, self._per_dt = [ufl.as_ufl(0.0)] * n, ufl.as_ufl(0.0)
+            self.rates, self._inverse_dt = [ufl.as_ufl(0.0)] * n, ufl.as_ufl(0.0)
         #: Internal variables at the start of the step, and what the last iteration left.
         self.internal = take(law.internal)
         self.iteration_memory = take(law.iteration_memory)
@@ -77,7 +77,7 @@ class ForceStep:
 
     def mean_rate(self, path: Any) -> Any:
         """The mean rate over the step, from the increment."""
-        return path * self._per_dt
+        return path * self._inverse_dt
 
     def path(self, D: Any) -> Any:
         """The increment of a rotation with which moments do work."""
@@ -133,7 +133,7 @@ class PointLaw:
     needs_line_search: bool = False
     #: Of a line over points the law of its length, by which its pieces have their forces, and which
     #: points move.
-    of_length: PointLaw | None = None
+    length_law: PointLaw | None = None
     moves: tuple[bool, ...] = ()
     #: What to say if it is not finite where all coordinates are zero; empty if that may be.
     zero_advice: str = ""
@@ -165,7 +165,7 @@ class PointLaw:
         piece of the line has its own forces along itself, so that momenta are kept.
         """
         numbers = self.numbers + 2 * len(moves) - 2
-        return replace(self, size=2 * sum(moves), numbers=numbers, of_length=self, moves=moves)
+        return replace(self, size=2 * sum(moves), numbers=numbers, length_law=self, moves=moves)
 
 
 def arguments(law: PointLaw) -> int:

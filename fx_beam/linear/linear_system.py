@@ -494,7 +494,7 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[
     for name, output in outputs.items():
         check_differentiable(output, f"{caller}: output {name!r}")
         measured = Measured(output)
-        law = measured.by_law
+        law = measured.law_quantity
         if not law and output.quantity not in _LINEAR:
             raise SceneError(
                 f"{caller}: output {name!r} is a {output.quantity}; only {', '.join(_LINEAR)} are "

@@ -93,9 +93,9 @@ class ElementBalance:
         unit_masses = masses_of_points(beams.kind.degree)
         self._masses = np.tensordot(floats(self._loads.masses), unit_masses, 1)
         form_dofs = model.mesh.unknowns.dofs
-        at_nodes = beams.forces_of_cells(parts)
+        nodal_forces = beams.forces_of_cells(parts)
         forces = np.zeros((len(parts.t), self._loads.torn.dofs.size))
-        forces[:, self._loads.torn.unknowns.dofs] = at_nodes
+        forces[:, self._loads.torn.unknowns.dofs] = nodal_forces
         forces -= self._dead()
         forces = self._steps.means(forces)
         if a.any():

@@ -134,7 +134,7 @@ def readings(
 
 
 def _reading(model: Model, array_of: Arrays, turns: np.ndarray, measured: Measured) -> Reading:
-    if measured.by_law == "energy":
+    if measured.law_quantity == "energy":
         return _energy_reading(model, array_of, measured)
     if measured.contact is not None:
         return _contact_reading(model, array_of, measured)
@@ -167,7 +167,7 @@ def _energy_reading(model: Model, array_of: Arrays, measured: Measured) -> Readi
     """The energy that a line stores, by its own laws."""
     from fx_beam.fem.point_values import PointSteps, PointValues
 
-    values = PointValues(model.points, measured.by_law, measured.terms[0].entries)
+    values = PointValues(model.points, measured.law_quantity, measured.terms[0].entries)
 
     def read() -> float:
         internal, parameters = (

@@ -143,8 +143,8 @@ class Options(CommonOptions):
         self._require("record", isinstance(self.record, Record), "an fx_beam.Record")
         if self.tolerance is None:
             self._require("dt_max", self.dt_max is None, expected)
-            without = isinstance(self.breaks, tuple | list) and not self.breaks
-            self._require("breaks", without, expected)
+            no_breaks = isinstance(self.breaks, tuple | list) and not self.breaks
+            self._require("breaks", no_breaks, expected)
             values["breaks"] = ()
         values.update(
             {name: as_float(values[name]) for name in ("t_end", "dt") if is_number(values[name])}

@@ -25,13 +25,13 @@ class SetUps:
         self.size, self._most = size, most
         # Kinds and set-ups that wait, the earliest first.
         self._waiting: list[tuple[Hashable, Any]] = []
-        #: Kinds and set-ups in use, by ids of set-ups. They are referenced here, or else garbage
+        #: Kinds and leased set-ups, by ids of set-ups. They are referenced here, or else garbage
         #: collection could close the libraries of a set-up that a lease returns a moment later.
-        self.in_use: dict[int, tuple[Hashable, Any]] = {}
+        self.leased: dict[int, tuple[Hashable, Any]] = {}
 
     def lease(self, kind: Hashable, bind: Callable[[Any], None], make: Callable[[], Any]) -> Lease:
         """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
-        is_used = any(used == kind for used, _ in [*self.in_use.values()])
+        is_used = any(used == kind for used, _ in [*self.leased.values()])
         reason = "the last solution is still in use" if is_used else "the first scene"
         entry = next((entry for entry in self._waiting[::-1] if entry[0] == kind), None)
         if entry is not None and self._take(entry):
@@ -52,7 +52,7 @@ class SetUps:
 
     def end(self, set_up: Any) -> None:
         """Let a set-up wait for the next scene, if it is not too large."""
-        entry, waiting = self.in_use.pop(id(set_up)), self._waiting
+        entry, waiting = self.leased.pop(id(set_up)), self._waiting
         if set_up.size <= self.size:
             waiting.append(entry)
         while len(waiting) > self._most or sum(other.size for _, other in waiting) > self.size:
@@ -66,7 +66,7 @@ class Lease:
         self._cache, self._is_over = cache, False
         #: What is leased, and why it was set up anew; empty if it was not.
         self.set_up, self.reason = set_up, reason
-        cache.in_use[id(set_up)] = kind, set_up
+        cache.leased[id(set_up)] = kind, set_up
 
     def end(self) -> None:
         """Return the set-up to the cache, once: it may be in use by another lease since."""

@@ -31,15 +31,15 @@ class Grid:
     """
 
     def __init__(self, X: np.ndarray, nodes: np.ndarray, beam: np.ndarray):
-        self._nodes, (self._count, per_element) = nodes.ravel(), nodes.shape
+        self._nodes, (self._count, node_count) = nodes.ravel(), nodes.shape
         self._points, self._beam = _in_space(X[self._nodes]), beam.astype(int)
         # The ends of an element come before the nodes inside it.
-        order = np.r_[0, per_element - 1, 1 : per_element - 1]
-        first = per_element * np.arange(self._count)[:, None]
+        order = np.r_[0, node_count - 1, 1 : node_count - 1]
+        first = node_count * np.arange(self._count)[:, None]
         self._cells = {
             "connectivity": (first + order).ravel(),
-            "offsets": first.ravel() + per_element,
-            "types": np.full(self._count, _CELLS[per_element - 1], dtype=np.uint8),
+            "offsets": first.ravel() + node_count,
+            "types": np.full(self._count, _CELLS[node_count - 1], dtype=np.uint8),
         }
 
     def write(

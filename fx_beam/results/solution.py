@@ -655,7 +655,7 @@ def history(solution: Solution, output: Output) -> np.ndarray:
         if output.quantity == "gap":
             return motion.gap.min(axis=1)
         return motion.force.sum(axis=1)[..., measured.component]
-    if measured.by_law == "energy":
+    if measured.law_quantity == "energy":
         line: Any = output.of
         return solution.joint(line).energy
 

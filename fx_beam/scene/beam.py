@@ -460,13 +460,13 @@ def listed_points(points: Any, name: str) -> tuple[list, np.ndarray]:
 def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:
     """Number of elements of each piece: as given, or in proportion to its length."""
     pieces = len(lengths)
-    per_piece = isinstance(elements, list | tuple) or np.ndim(elements) > 0
-    counts = elements if per_piece else [elements]
+    is_list = isinstance(elements, list | tuple) or np.ndim(elements) > 0
+    counts = elements if is_list else [elements]
     ok = all(is_whole(n, 1, MOST_ELEMENTS) for n in counts)
     expected = f"positive whole numbers, at most {MOST_ELEMENTS:,}"
     require(ok, f"beam {name!r}: elements", elements, expected)
     counts = [int(n) for n in counts]
-    if per_piece:
+    if is_list:
         if len(counts) != pieces:
             raise SceneError(
                 f"beam {name!r}: {len(counts)} numbers of elements for {pieces} straight pieces. "

@@ -247,14 +247,14 @@ class Measured:
         self.contact: Contact | None = place if isinstance(place, Contact) else None
         moves = quantity.of in ("q", "v", "a")
         #: Of a line what its laws have: "pull", "energy", "length" or "rate"; else empty.
-        self.by_law = _BY_LAW.get(quantity.of, "")
+        self.law_quantity = _BY_LAW.get(quantity.of, "")
         #: The line, if it is its length or the rate of that, which are not linear; else None.
         self.line: ForceBetween | None = None
         if moves and isinstance(place, ForceBetween):
             if place.to_ground:
                 self.terms += _along(place, quantity.of)
             else:
-                self.line, self.by_law = place, self.name
+                self.line, self.law_quantity = place, self.name
         elif moves:
             self.terms += [Term(quantity.of, dof + columns, sign) for dof, sign in _ends(place)]
         elif isinstance(place, Node | Joint | ForceBetween):  # of a recorded history

@@ -21,16 +21,16 @@ class Kinks:
         #: Whether members or virtual works have functions of a user, which may have kinks.
         self.bend = any(energies) or bool(scene.virtual_works)
         #: Whether there are obstacles or stops.
-        self.of_contact = points.any_have("unilateral")
+        self.has_contact = points.any_have("unilateral")
         own = any(force.force for force in scene.forces_between)
         #: Whether all forces have a potential in statics: nothing follows the motion or flows.
         self.potential = not (forms.has_added or own or self.flows)
         sudden = points.any_have("needs_line_search")
         #: Whether slopes of forces may change at once: flow, contact, functions of a user.
-        self.any = self.bend or sudden or self.flows or self.of_contact
+        self.any = self.bend or sudden or self.flows or self.has_contact
         #: Whether corrections of Newton's method may be far too long. In motions the force of a
         #: contact over a step is smooth and convex.
-        self.overshoot = forms.internal_shape[-1] > 0 or sudden or (at_rest and self.of_contact)
+        self.overshoot = forms.internal_shape[-1] > 0 or sudden or (at_rest and self.has_contact)
         # Friction, contact with a loss, and dampers with laws of a user lose quickly.
         quick = (law.iteration_memory or (law.loss and law.user_defined) for law in points.laws)
         pieced = (energy is not None and has_pieces(energy) for energy in energies)
@@ -55,4 +55,4 @@ class Kinks:
 
     def begin(self, start: State, end: State) -> bool:
         """Whether flow or contact may begin or end in a step, which its predictor does not know."""
-        return self.flowed(start, end) or (self.of_contact and self.switched(start, end))
+        return self.flowed(start, end) or (self.has_contact and self.switched(start, end))

@@ -127,11 +127,11 @@ class RecordedHistories(Mapping):
         if name in self._model.force_columns:
             return self._by_columns(name)
         model, quantity = self._model, ROWS[name]
-        at_nodes = quantity.shape == ("dofs",)
-        lengths = (len(model.mesh.X), 3) if at_nodes else quantity.lengths(once(model, sizes_of))
+        is_nodal = quantity.shape == ("dofs",)
+        lengths = (len(model.mesh.X), 3) if is_nodal else quantity.lengths(once(model, sizes_of))
         rows = self._recorded(name)
         values = np.empty((0, *lengths)) if rows is None else rows.reshape(len(rows), *lengths)
-        if at_nodes:
+        if is_nodal:
             values = values.copy()
         if name == "q" and self._turns and len(values):
             for first, stop in itertools.pairwise([*self._turns, len(values)]):

@@ -31,8 +31,8 @@ class Times(NamedTuple):
     ends: np.ndarray
     lengths: np.ndarray
     begins: np.ndarray
-    #: Sub-steps of a whole step, or of a part of one that was halved.
-    of_step: int = 1
+    #: Number of sub-steps of a whole step, or of a part of one that was halved.
+    sub_step_count: int = 1
 
     def steps_to(self, boundaries: np.ndarray) -> Steps:
         """The steps that end before some sub-steps."""
@@ -58,8 +58,8 @@ class Times(NamedTuple):
 
         SceneError if the tape has a gap, or if a time is inside a step.
         """
-        whole = slice(None, None, self.of_step)
-        ends = self.ends[self.of_step - 1 :: self.of_step]
+        whole = slice(None, None, self.sub_step_count)
+        ends = self.ends[self.sub_step_count - 1 :: self.sub_step_count]
         grid = np.concatenate([self.starts[:1], ends])
         least = abs(self.lengths).min(initial=np.inf)
         if (gaps := abs(self.starts[whole] - grid[:-1]) > 1e-3 * least).any():
@@ -73,4 +73,4 @@ class Times(NamedTuple):
                 f"the row at t = {times[misses][0]:.6g} is inside a step, and has no derivative. "
                 "Record at ends of steps: with a tolerance, give the times as `breaks` too"
             )
-        return self.of_step * rows
+        return self.sub_step_count * rows

@@ -226,7 +226,7 @@ class Problem:
                 }
             )
         loads = model.data.loads
-        per_cell = 0 if kind.rates else int(np.prod(model.forms.internal_shape[1:]))
+        cell_size = 0 if kind.rates else int(np.prod(model.forms.internal_shape[1:]))
         self.set(
             cells=cells,
             mesh={
@@ -237,7 +237,7 @@ class Problem:
                 "massless": massless,
                 "threads": storage.threads,
             },
-            internal={"per_cell": per_cell},
+            internal={"per_cell": cell_size},
             tangent={"row_start": K.indptr, "column_of": K.indices, "stored_at": stored_at},
             loads={
                 "count": len(loads.starts) - 1,
@@ -250,10 +250,10 @@ class Problem:
             self.tables = FormTables(self)
             forms = self.tables.all(_OF_EQUATIONS if kind.forces_only else FORMS)
             self.set(forms=forms)
-            if per_cell:
+            if cell_size:
                 weights = gauss_rule(beams.kind.degree)[1]
-                per_weight = np.repeat(1 / weights, beams.internal_shape[-1])
-                self.set(internal={"per_weight": per_weight})
+                inverse_weights = np.repeat(1 / weights, beams.internal_shape[-1])
+                self.set(internal={"per_weight": inverse_weights})
 
     def keep_joint_forces(self) -> None:
         """Find forces of joints in each step, whether it is recorded or not."""
@@ -293,7 +293,7 @@ def _points(storage: TangentStorage) -> dict[str, Any]:
     if points.any:
         point_stored_at = np.where(points.value_at >= 0, stored_at[points.value_at], -1)
         # Each force on a slide has one entry, the last ones.
-        places, numbers = storage.on_slides
+        places, numbers = storage.slide_forces
         point_stored_at[len(point_stored_at) - len(points.slides) + numbers] = places
         tables["points"], point_members["stored_at"] = (
             model.forms.compiled_points.address,

@@ -148,7 +148,7 @@ class TangentStorage:
             table["to"] = places[product["to"]]
             problem.set(**{name: table | {"count": len(product["to"])}})
         #: Storage indices of the forces on slides, and which these are.
-        self.on_slides = places[tangent.restoring["to"]], tangent.restoring["of"]
+        self.slide_forces = places[tangent.restoring["to"]], tangent.restoring["of"]
         #: Storage index of each entry of the full tangent.
         self.stored_at = stored_at
         self._set_mass(problem)
