@@ -32,8 +32,8 @@ def axis_of(beam: Beam) -> BeamAxis:
 class BeamAxis:
     """The axis of a beam, phi(s) = sum N_a(s) phi_a over its nodes, with a continuous tangent.
 
-    The position is that of the finite elements at all nodes, and between them if neighbours have
-    the same tangent where they meet. Elsewhere cubics correct both, so that the tangent at the end
+    The position is that of the finite elements where these meet, and between if neighbours have
+    the same tangent there. Elsewhere cubics correct both, so that the tangent at the end
     of an element is the mean of the two, weighted so that it is exact for a parabola. Corners of a
     polyline stay corners.
     """
