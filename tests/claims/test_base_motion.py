@@ -105,7 +105,7 @@ def test_what_is_no_base_motion_is_refused():
         (r"base = 1.0 must be the amplitudes", {"base": 1.0}),
         (r"must be the amplitudes \(x, y\)", {"base": (1, 0, 0)}),
         (r"must be the amplitudes \(x, y\)", {"base": (np.nan, 0)}),
-        ("at: None is not a node", {"base": (1, 0), "at": None}),
+        ("at=beam.end", {"base": (1, 0), "at": None}),
         ("list of numbers", {"base": (1, 0), "frequencies": ()}),
     ):
         with pytest.raises(fb.SceneError, match=words):

@@ -483,7 +483,6 @@ REFUSED = {
         (lambda p: fb.frequency_response(p.scene, 3.0, p.end, [1.0]),
          "must be a node and its amplitudes, such as"),
         (lambda p: fb.frequency_response(p.scene, (p.end, (1, 0)), 7, [1.0]), "at: 7 is not a nod"),
-        (lambda p: fb.frequency_response(p.scene, frequencies=[1.0], base=(0, 1)), "at=beam.end"),
         (lambda p: fb.frequency_response(p.scene, (p.end, (1, 0)), p.end, []), "a list of numbers"),
         (lambda p: fb.frequency_response(p.scene, (p.end, (0, 0)), p.end, [1.0]), "it is zero"),
         (lambda p: fb.periodic(duffing(), mode=0), "amplitude or the energy"),
