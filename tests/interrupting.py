@@ -37,3 +37,20 @@ def call_stopped_at(place, call, opcodes=False, how=stop):
     finally:
         sys.settrace(None)
     return left < 0
+
+
+def lines_of(call):
+    """Number of lines of Python that a function runs, also in all that is called."""
+    lines = 0
+
+    def trace(frame, event, _):
+        nonlocal lines
+        lines += event == "line"
+        return trace
+
+    sys.settrace(trace)
+    try:
+        call()
+    finally:
+        sys.settrace(None)
+    return lines

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from interrupting import call_stopped_at
+from interrupting import call_stopped_at, lines_of
 from jointed import whirling
 from scenes import FLYING, clamped_bar
 
@@ -116,17 +116,16 @@ def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch
         return fb.static(loaded(), load_steps=5, continuation=continuation)
 
     def stopped(place):
-        """Whether there is that line, and the interrupt; None if Python ignored it there."""
+        """The interrupt before a line; None if Python ignored it there."""
         try:
-            return call_stopped_at(place, path, how=raised), None
+            call_stopped_at(place, path, how=raised)
         except KeyboardInterrupt as stop:
-            return True, stop
+            return stop
 
-    whole, rows, end = path(), [], 1000
-    while stopped(end)[0]:  # its lines of Python, of which the last are those of the steps
-        end += end // 5
+    whole, rows = path(), []
+    end = min(lines_of(path), lines_of(path))  # of which the last are those of the steps
     for place in np.linspace(end / 2, end, 90):
-        _, stop = stopped(int(place))
+        stop = stopped(int(place))
         if (first := getattr(stop, "solution", None)) is not None:
             rows.append(len(first.t))
             np.testing.assert_array_equal(first.q, whole.q[: rows[-1]])
