@@ -40,12 +40,14 @@ def call_stopped_at(place, call, opcodes=False, how=stop):
 
 
 def lines_of(call):
-    """Number of lines of Python that a function runs, also in all that is called."""
-    lines = 0
+    """Number of lines of Python in a call, up to its progress bar and in all."""
+    before = count = 0
 
     def trace(frame, event, _):
-        nonlocal lines
-        lines += event == "line"
+        nonlocal before, count
+        count += event == "line"
+        if frame.f_code.co_name == "progress_bar":
+            before = count
         return trace
 
     sys.settrace(trace)
@@ -53,4 +55,4 @@ def lines_of(call):
         call()
     finally:
         sys.settrace(None)
-    return lines
+    return before, count

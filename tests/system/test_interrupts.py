@@ -2,12 +2,11 @@
 
 import itertools
 import signal
-import sys
 import threading
 
 import numpy as np
 import pytest
-from interrupting import call_stopped_at
+from interrupting import call_stopped_at, lines_of
 from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
@@ -152,25 +151,6 @@ def test_a_motion_returns_to_a_snapshot_also_if_it_is_interrupted():
 
 
 # -- Whole runs --------------------------------------------------------------------------------
-
-
-def lines_of(call):
-    """Number of lines of Python in a call, up to its progress bar and in all."""
-    before = count = 0
-
-    def trace(frame, event, _):
-        nonlocal before, count
-        count += event == "line"
-        if frame.f_code.co_name == "progress_bar":
-            before = count
-        return trace
-
-    sys.settrace(trace)
-    try:
-        call()
-    finally:
-        sys.settrace(None)
-    return before, count
 
 
 def motion_by(**options):

@@ -123,7 +123,7 @@ def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch
             return stop
 
     whole, rows = path(), []
-    end = min(lines_of(path), lines_of(path))  # of which the last are those of the steps
+    _, end = min(lines_of(path), lines_of(path))  # of which the last are those of the steps
     for place in np.linspace(end / 2, end, 90):
         stop = stopped(int(place))
         if (first := getattr(stop, "solution", None)) is not None:
