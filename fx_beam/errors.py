@@ -27,6 +27,8 @@ _SHOWN = 200
 # Types of real numbers, for which a look is enough.
 _PLAIN = frozenset({float, np.float64})
 _SCALARS = _PLAIN | {int}
+# Without the dispatch of old versions of NumPy, which takes as long as the count.
+_count_nonzero = getattr(np.count_nonzero, "__wrapped__", np.count_nonzero)
 
 
 class SceneError(ValueError):
@@ -187,12 +189,12 @@ def is_name(value) -> bool:
 
 def all_of(flags: np.ndarray) -> bool:
     """Whether all flags of an array are true; of few, far quicker than their method `all`."""
-    return np.count_nonzero(flags) == flags.size
+    return _count_nonzero(flags) == flags.size
 
 
 def any_of(values: np.ndarray) -> bool:
     """Whether any value of an array is not zero; of few, far quicker than their method `any`."""
-    return np.count_nonzero(values) > 0
+    return _count_nonzero(values) > 0
 
 
 def is_one_of(value, choices: Iterable) -> bool:

@@ -124,7 +124,7 @@ def _forms_of(scene: Scene) -> dict[str, Any]:
     return {
         name: _form_of_number(value) if name in _NUMBERS else _form(value, known_forms)
         for name, value in vars(scene).items()
-        if name not in _DERIVED and (name in _NUMBERS or value)
+        if name not in _DERIVED and (name == "_gravity" or value)
     }
 
 
@@ -161,7 +161,8 @@ def _forms_of_fields(
         for name in structure
     ]
     return forms + [
-        () if type(x := getattr(part, name)) in _SCALARS else _form_of_number(x) for name in numbers
+        () if type(x := getattr(part, name)) in _SCALARS or callable(x) else _form_of_number(x)
+        for name in numbers
     ]
 
 
@@ -189,16 +190,17 @@ def _form_of_number(number: Any) -> Any:
     return [*number] if isinstance(number, Mapping) else np.shape(number)
 
 
-# Kinds of parts of a scene that may become longer.
-_LISTS = list, dict, set
+# Parts of a scene that may become longer.
+_LISTS = operator.attrgetter(
+    *(name for name, part in vars(Scene()).items() if isinstance(part, list | dict | set))
+)
 
 
 class Watch:
     """Notices whether something was added to a scene, removed from it or changed."""
 
     def __init__(self, scene: Scene):
-        self._scene = scene
-        self._parts = [part for part in vars(scene).values() if isinstance(part, _LISTS)]
+        self._scene, self._parts = scene, _LISTS(scene)
         self._counts = self._now()
 
     def _now(self) -> tuple[int, ...]:

@@ -74,7 +74,7 @@ class CompiledLoop:
         p, ends, inputs = self.problem.c, steps.ends, steps.inputs
         with self.whole:
             if count := self._run(state, steps, recorder):
-                state = self.state.read(float(ends[count - 1]))
+                state = self.state.present = self.state.read(float(ends[count - 1]))
                 self.stats.steps += completed(count)
                 recorder.end = state
         C, failure, last_ratio, ratio = self.problem.library, p.run.failure, None, None
@@ -99,6 +99,7 @@ class CompiledLoop:
         problem, none = self.problem, self.problem.ffi.NULL
         problem.library.fx_run(problem.c, 0, state.t, 0.0, none, none, record)
         recorder.rows, recorder.starts.count = record.rows, record.starts
+        self.state.present = state
 
     def _run(self, state: State, steps: Steps, recorder: Rows) -> int:
         """Number of steps or parts of equal length that succeeded."""
@@ -119,8 +120,8 @@ class CompiledLoop:
         self, number: int, t: float, dt: float, c_inputs: Any, record: Any, limits: Any = None
     ) -> int:
         """Number of steps that C takes from t [s]."""
-        limits, run = limits or self.problem.ffi.NULL, self.problem.library.fx_run
-        count = run(self.problem.c, number, t, dt, c_inputs, limits, record)
+        limits, self.state.present = limits or self.problem.ffi.NULL, None
+        count = self.problem.library.fx_run(self.problem.c, number, t, dt, c_inputs, limits, record)
         self.check()
         return count
 

@@ -98,6 +98,7 @@ class CompiledSingleSteps:
             assert isinstance(recorder, Recorder)  # the other one takes no row
             record = self._rows_of(recorder)
             record.first = number
+        self._loop.state.present = None
         if not self._run(p, 1, t0, self._dt, self._c_inputs, self._no_limits, record):
             self._plan = None, -1  # parts of this step have the same record of C
             self._loop.check()

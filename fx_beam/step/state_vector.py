@@ -66,6 +66,8 @@ class StateVector:
         differences = np.split(arrays["past"].reshape(C.PAST, -1), [n], axis=1)
         self._past = arrays["ages"], *differences
         state_arrays = {name: arrays[name] for name in sizes}
+        #: The state that is in the memory; None where steps, or others, have changed it since.
+        self.present: State | None = None
         #: Members of the structs in C.
         self.members: dict[str, dict[str, Any]] = {
             "state": {"memory": self.memory, "size": len(self.memory), **state_arrays},
@@ -75,7 +77,7 @@ class StateVector:
 
     def clear(self) -> None:
         """Forget the last run."""
-        self.memory[:] = 0.0
+        self.memory[:], self.present = 0.0, None
         self._set_ages()
 
     def _set_ages(self) -> None:
@@ -83,7 +85,10 @@ class StateVector:
             ages[:] = 1.0
 
     def load(self, state: State) -> None:
-        """Write a state into the memory."""
+        """Write a state into the memory, if it is not there."""
+        is_there, self.present = state is self.present, None
+        if is_there:
+            return
         p, values = self._c, vars(state)
         arrays = [
             zeros if (array := values[name]) is None else array
@@ -97,7 +102,7 @@ class StateVector:
         p.state.steps_done = state.constraint_forces is not None
         p.state.forces_found = state.joint_forces is not None
         for name in NUMBERS:
-            setattr(p.state, name, getattr(state, name))
+            setattr(p.state, name, values[name])
 
     def read(self, t: float) -> State:
         """A copy of the state, at the time t [s]."""
@@ -158,3 +163,4 @@ class StateVector:
     def restore(self, copy: StateCopy) -> None:
         """Have all again as it was copied."""
         self.memory[: len(copy[0])], self._numbers[:] = copy
+        self.present = None
