@@ -5,8 +5,13 @@ from __future__ import annotations
 import importlib
 import io
 import sys
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+else:  # as a type alone
+    Expr = object
 
 
 def package(name: str) -> Any:
@@ -33,18 +38,18 @@ class _Ufl:
 ufl: Any = _Ufl()
 
 
-def parts_of(expression: Any) -> Any:
+def parts_of(expression: Expr) -> Iterable[Expr]:
     """An expression and all its parts, each once."""
     return ufl.corealg.traversal.unique_pre_traversal(expression)
 
 
-def derivatives_taken(expression: Any) -> Any:
+def derivatives_taken(expression: Expr) -> Expr:
     """The expression with its derivatives written out."""
     lowered = ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering(expression)
     return ufl.algorithms.apply_derivatives.apply_derivatives(lowered)
 
 
-def is_zero(expression: Any) -> bool:
+def is_zero(expression: Expr) -> bool:
     """Whether an expression is UFL's zero."""
     return isinstance(expression, ufl.constantvalue.Zero)
 

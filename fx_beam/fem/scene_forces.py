@@ -175,7 +175,7 @@ class SceneForces:
                 yield from self._ground_springs(force)
                 continue
             kind, apart, dofs = self._length(force)
-            moves = () if force.over_pulleys else tuple(node >= 0 for node in force.nodes)
+            moves = () if force.kinds else tuple(node >= 0 for node in force.nodes)
             for law, numbers in self._coordinate_laws(force.on, kind):
                 arguments = law.over(moves) if moves else law, [*apart, *numbers], dofs
                 yield PointForce(*arguments, owner=str(force), line=force.number)
@@ -187,7 +187,7 @@ class SceneForces:
     def _length(self, force: Any) -> tuple[CoordinateKind, list[Any], list[int]]:
         """Kind of the length of a line, with its numbers and degrees of freedom."""
         table = self._mesh.dofs
-        if force.over_pulleys:
+        if force.kinds:
             from fx_beam.laws.rope_laws import rope_over
 
             ends = zip(force.nodes, force.kinds, strict=True)

@@ -45,7 +45,7 @@ def warn_of_places(
         _warn_of_short_impacts(solution, joints)
     warn_of_sharp_bends(solution)
     for line in lines:
-        if line.over_pulleys:
+        if line.kinds:
             _warn_of_lifted(solution, line)
 
 

@@ -32,7 +32,7 @@ def _through(values: np.ndarray, points: np.ndarray) -> np.ndarray:
     return sum(values[..., k, None] * weight for k, weight in enumerate(weights))
 
 
-def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndarray:
+def along_all(solution, quantity: str, rows, points: np.ndarray) -> np.ndarray:
     """Values (rows, elements, points) of a quantity or internal variable, at points in [0, 1].
 
     N, Q and M follow from the balance of elements, where that is known. Others, but for the speed,
@@ -54,7 +54,7 @@ def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndar
     return _through(values, points)
 
 
-def _at_points(solution: Any, quantity: str, rows: list[int]) -> np.ndarray:
+def _at_points(solution, quantity: str, rows: list[int]) -> np.ndarray:
     """Resultants or internal variables (rows, elements, degree): zero on a beam that lacks them."""
     beam_values = []
     for name, beam in solution.beams.items():
@@ -67,7 +67,7 @@ def _at_points(solution: Any, quantity: str, rows: list[int]) -> np.ndarray:
     return np.concatenate(beam_values, axis=1)
 
 
-def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
+def energy_density(solution, rows: list[int]) -> np.ndarray:
     """Stored energy per length (rows, elements, degree) of beams at their Gauss points [J/m]."""
     if any(beam.section is None for beam in solution.beams.values()):
         raise ValueError(
@@ -102,7 +102,7 @@ def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
 
 # In NumPy, beside laws/kinematics.py: pictures are also drawn of solutions that come from
 # another process or a copy, without the compiled forms.
-def _strains(solution: Any, nodes: np.ndarray, q: np.ndarray) -> np.ndarray:
+def _strains(solution, nodes: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Axial strain, shear strain and curvature (3, rows, elements, degree) (eqs 9 and 10)."""
     count = nodes.shape[1]
     values, slopes = lagrange_and_slopes(np.linspace(0, 1, count), gauss_rule(count - 1)[0])
@@ -117,7 +117,7 @@ def _strains(solution: Any, nodes: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.stack([Ex * tx + Ey * ty, Ey * tx - Ex * ty, curvature / J])
 
 
-def nodes_of_elements(solution: Any) -> np.ndarray:
+def nodes_of_elements(solution) -> np.ndarray:
     """Numbers (elements, degree + 1) of the nodes of each element, in order along its beam."""
     beam_nodes = [np.empty((0, 2), dtype=int)]
     for name, beam in solution.beams.items():

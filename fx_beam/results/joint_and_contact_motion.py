@@ -156,7 +156,7 @@ class JointMotion:
 
 
 def internal_variable(
-    solution: Any, known: Mapping[str, np.ndarray], name: Any, owner: str
+    solution, known: Mapping[str, np.ndarray], name: Any, owner: str
 ) -> np.ndarray:
     """One of the internal variables of a beam or joint; ValueError if there is no such one."""
     solution.recorded("q")  # they are recorded with the motion
@@ -165,7 +165,7 @@ def internal_variable(
     return known[name]
 
 
-def motion_of(solution: Any) -> NodalMotion:
+def motion_of(solution) -> NodalMotion:
     """Motion of the nodes and beams of a solution."""
     return NodalMotion(
         lambda name, node: solution.recorded(name)[:, node.number].T,

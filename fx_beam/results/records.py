@@ -460,7 +460,7 @@ class BeamResultants:
         return values["NQM".index(quantity)]
 
 
-def facts(solution: Any) -> dict[str, str]:
+def facts(solution) -> dict[str, str]:
     """Range, steps, effort and energy of a solution, by their names."""
     stats, energy = solution.stats, solution.energy
     time = "load factor" if stats.static else "t"
@@ -477,7 +477,7 @@ def facts(solution: Any) -> dict[str, str]:
     return entries | ({"ended early": str(stats.failure)} if stats.failure else {})
 
 
-def known_resultants(solution: Any) -> dict[str, BeamResultants]:
+def known_resultants(solution) -> dict[str, BeamResultants]:
     """Resultants of all beams by their names; none if what they depend on was not recorded."""
     with suppress(ValueError):
         return {name: solution.resultants(name) for name in solution.beams}

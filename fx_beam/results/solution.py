@@ -673,7 +673,7 @@ def history(solution: Solution, output: Output) -> np.ndarray:
     return measured.values(read, motion_of(solution))
 
 
-def _node_number(solution: Any, node: Node) -> int:
+def _node_number(solution, node: Node) -> int:
     """Number of a node of a solution."""
     if not isinstance(node, Node):
         raise SceneError(
@@ -691,7 +691,7 @@ def _node_number(solution: Any, node: Node) -> int:
     return node.number
 
 
-def scene_of(solution: Any) -> Any:
+def scene_of(solution) -> Any:
     """The scene of a solution; None for one that was read from a file."""
     first = next(itertools.chain(solution.beams.values(), solution.bodies.values()), None)
     node = first.start if isinstance(first, Beam) else getattr(first, "centre", None)
@@ -712,7 +712,7 @@ def forces_on_nodes(solution: Solution, k: int, magnify: float = 1.0) -> dict[in
     return forces
 
 
-def _beam_name(solution: Any, beam: Beam | str) -> str:
+def _beam_name(solution, beam: Beam | str) -> str:
     """Name of a beam of a solution."""
     if isinstance(beam, Joint):
         raise ValueError(

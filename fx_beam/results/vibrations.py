@@ -209,7 +209,7 @@ def displaced(
     return modes.positions[nodes] + scale * (moved[nodes] * np.exp(1j * phase)).real
 
 
-def modes_of(model: Any, q, vectors, omega, rigid, ratios, roots) -> Modes:
+def modes_of(model, q, vectors, omega, rigid, ratios, roots) -> Modes:
     """Modes about a configuration q (size,), from motions (size, n) of its nodes."""
     shapes = np.array([vector.reshape(-1, 3) for vector in vectors.T])
     positions = model.mesh.X + q.reshape(-1, 3)[:, :2]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from fx_beam.errors import LARGEST, SceneError, between, check_fields, real, require
 
@@ -105,13 +104,13 @@ class Fuse:
         check_fields(self)
 
 
-def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
+def checked_changes(scene, changes: Mapping[str, Latch | Fuse]) -> dict[str, Latch | Fuse]:
     """Latches and fuses by their names; SceneError if they are none, or do not fit the scene."""
     ok = isinstance(changes, Mapping) and all(isinstance(name, str) for name in changes)
     ok = ok and all(isinstance(change, Latch | Fuse) for change in changes.values())
     expected = "a dictionary of fx_beam.Latch and fx_beam.Fuse by names"
     require(ok, "simulate: changes", changes, expected)
-    coordinates: dict[tuple[Any, ...], str] = {}
+    coordinates: dict[tuple[int, str, float], str] = {}
     for name, change in changes.items():
         subject = f"simulate: changes[{name!r}]"
         joint = joint_of(scene, change.joint, f"{subject}: joint")
@@ -146,7 +145,7 @@ def output_of(change: Latch | Fuse) -> Output:
     return Output("slide" if slides else "angle", joint)
 
 
-def excess(change: Latch | Fuse, measured: Any) -> float:
+def excess(change: Latch | Fuse, measured) -> float:
     """How far the measured output of a change is beyond the limit [m, rad or N]."""
     if isinstance(change, Fuse):
         return math.hypot(measured[0], measured[1]) - change.force

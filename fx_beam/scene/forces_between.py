@@ -6,22 +6,25 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from fx_beam.errors import IS_DATA, SceneError, real_array, require, vector
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from .beam import Node, position_of
 from .coordinate import Coordinate, Coulomb, Spring, functions_of
+from .inputs import TimeValue
 from .parameters import is_parameter, value_of
 
 if TYPE_CHECKING:
     from .symbols import Parameter
 
+#: A point as users give it.
+Point = Node | Sequence[float] | np.ndarray
 #: ``force(distance, rate, t)`` in UFL.
-Pull = Callable[[Any, Any, Any], Any]
+Pull = Callable[[Expr, Expr, Expr], Expr]
 
 
 @dataclass(frozen=True)
@@ -80,8 +83,6 @@ class ForceBetween:
     own: tuple[str, ...] = ()
     #: Whether it acts between its target and the ground, along a direction.
     to_ground: ClassVar[bool] = False
-    #: Whether it is a rope of which some points are circles.
-    over_pulleys: ClassVar[bool] = False
     #: Kinds of the points of a rope over pulleys; empty for others.
     kinds: ClassVar[str] = ""
 
@@ -103,12 +104,12 @@ class ForceBetween:
         return f"{number}over {', '.join(map(str, self.points))}"
 
     @property
-    def a(self) -> Any:
+    def a(self) -> Node | np.ndarray:
         """The first point: a node or a position (2,) [m]."""
         return _node_or_position(self.points[0])
 
     @property
-    def b(self) -> Any:
+    def b(self) -> Node | np.ndarray:
         """The last point: a node or a position (2,) [m]."""
         return _node_or_position(self.points[-1])
 
@@ -123,7 +124,7 @@ class ForceBetween:
         positions = [position_of(_node_or_position(point)) for point in self.points]
         return real_array([[y[0] - x[0], y[1] - x[1]] for x, y in itertools.pairwise(positions)])
 
-    def straight(self, ways: Any) -> Any:
+    def straight(self, ways: np.ndarray) -> np.ndarray:
         """Its straight parts.
 
         Parameters
@@ -138,7 +139,7 @@ class ForceBetween:
         """
         return ways
 
-    def state(self, vectors: Any, turned: Any) -> tuple[Any, Any]:
+    def state(self, vectors: np.ndarray, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Length (rows,) [m] and arcs (points, rows) on circles [rad].
 
         Parameters
@@ -158,7 +159,7 @@ class ForceBetween:
         length = np.hypot(vectors[:, 0], vectors[:, 1]).sum(axis=0)
         return length, np.zeros((len(self.points), vectors.shape[2]))
 
-    def rate(self, vectors: Any, rates: Any, spins: Any) -> Any:
+    def rate(self, vectors: np.ndarray, rates: np.ndarray, spins: np.ndarray) -> np.ndarray:
         """Rate (rows,) of the length [m/s].
 
         Parameters
@@ -182,7 +183,7 @@ class ForceBetween:
         return math.fsum(math.hypot(*way) for way in self.apart)
 
     @property
-    def functions(self) -> list[tuple[str, Any]]:
+    def functions(self) -> list[tuple[str, Expr]]:
         """Expressions of the user's functions, by kind."""
         functions = [*functions_of(self.on)]
         if self.force is not None:
@@ -192,11 +193,11 @@ class ForceBetween:
         return functions
 
 
-def _node_or_position(point: Node | FixedPoint) -> Any:
+def _node_or_position(point: Node | FixedPoint) -> Node | np.ndarray:
     return point if isinstance(point, Node) else point.position
 
 
-def rope_spring(spring: Any, length: Any, number: int) -> tuple[Spring, tuple[str, ...]]:
+def rope_spring(spring, length: TimeValue, number: int) -> tuple[Spring, tuple[str, ...]]:
     """A spring that only pulls, from a length on, and names of parameters made for it.
 
     SceneError if no linear spring is given.
@@ -220,9 +221,9 @@ def rope_spring(spring: Any, length: Any, number: int) -> tuple[Spring, tuple[st
 
 
 def checked_force(
-    points: Sequence[Any],
+    points: Sequence,
     coordinate: Coordinate,
-    force: Any,
+    force: Pull | TimeValue | None,
     number: int,
     size: float,
     names: tuple[str, ...] = (),
@@ -260,7 +261,7 @@ def check_at_start(force: ForceBetween, place: float, tolerance: float, name: st
         _check(spring.strain_energy, (place - spring.rest,), force, "strain_energy(x)")
 
 
-def _points(points: Sequence[Any]) -> tuple[Node | FixedPoint, ...]:
+def _points(points: Sequence) -> tuple[Node | FixedPoint, ...]:
     """Nodes and fixed points; SceneError for anything else."""
     name = "force between points: b, a node or a fixed point,"
     if len(points) > 2:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from fx_beam.errors import SceneError, check_fields, real, require
 
+from .beam import Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, functions_of
 from .joints import Joint, JointKey, NodalMotion, moved_by
 from .removal import joint_of
@@ -21,7 +22,7 @@ class GearTerm(NamedTuple):
     joint: Joint
     #: "rotation" or "slide".
     name: str
-    weight: Any
+    weight: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +122,9 @@ class Gear:
 
     def __str__(self):
         number = "" if self.number < 0 else f"joint {self.number}, "
-        joints = [f"joint {joint.number}" for joint in (self.joint_a, self.joint_b)]
-        return f"{number}{self._kind} of {joints[0]} and {joints[1]}"
+        return (
+            f"{number}{self._kind} of joint {self.joint_a.number} and joint {self.joint_b.number}"
+        )
 
     @property
     def _kind(self) -> str:
@@ -145,10 +147,9 @@ class Gear:
         return GearTerm(self.joint_b, self.driven, 1.0), other
 
     @property
-    def rest(self) -> Any:
+    def rest(self) -> float:
         """The sum of the terms where the relation holds."""
-        slides = [term.joint.start()[0] for term in self.terms if term.name == "slide"]
-        return self.value + sum(slides)
+        return self.value + (self.joint_b.start()[0] if self.driven == "slide" else 0.0)
 
     @property
     def column(self) -> int:
@@ -163,11 +164,11 @@ class Gear:
         return JointKey(self.number, self._kind, *numbers, (), place, "")
 
     @property
-    def nodes(self) -> tuple[Any, ...]:
+    def nodes(self) -> tuple[Node, ...]:
         """The nodes of its joints: a and b of `joint_b`, then of `joint_a`."""
         return self.joint_b.a, self.joint_b.b, self.joint_a.a, self.joint_a.b
 
-    def difference(self, motion: NodalMotion, slides: Any) -> Any:
+    def difference(self, motion: NodalMotion, slides: np.ndarray) -> np.ndarray:
         """The sum of the terms in a motion, less that at rest.
 
         Parameters
@@ -182,14 +183,13 @@ class Gear:
         (n,) float
             The difference [rad or m].
         """
-        total = -self.rest
-        for joint, name, weight in self.terms:
-            slide = slides[:, joint.number]
-            turns = name == "rotation"
-            total = total + weight * (joint.kinematics.angle(motion, slide) if turns else slide)
-        return total
+        a, b = self.joint_a, self.joint_b
+        place = slides[:, b.number]
+        if self.driven == "rotation":
+            place = b.kinematics.angle(motion, place)
+        return place - self.ratio * a.kinematics.angle(motion, slides[:, a.number]) - self.rest
 
-    def rate(self, motion: NodalMotion, slides: Any) -> Any:
+    def rate(self, motion: NodalMotion, slides: np.ndarray) -> np.ndarray:
         """The rate of the difference.
 
         Parameters
@@ -204,12 +204,10 @@ class Gear:
         (n,) float
             The rate [rad/s or m/s].
         """
-        total = 0.0
-        for joint, name, weight in self.terms:
-            kinematics, slide = joint.kinematics, slides[:, joint.number]
-            turns = name == "rotation"
-            total = total + weight * (kinematics.spin if turns else kinematics.rate)(motion, slide)
-        return total
+        a, b = self.joint_a, self.joint_b
+        rate = b.kinematics.spin if self.driven == "rotation" else b.kinematics.rate
+        turning = a.kinematics.spin(motion, slides[:, a.number])
+        return rate(motion, slides[:, b.number]) - self.ratio * turning
 
 
 def Rack(joint: Joint, slide: Joint, radius: float) -> Gear:
@@ -257,7 +255,7 @@ def Rack(joint: Joint, slide: Joint, radius: float) -> Gear:
     return Gear(joint, slide, radius, driven="slide")
 
 
-def added_gear(scene: Any, gear: Any, solution: Any) -> Gear:
+def added_gear(scene, gear: object, solution: object) -> Gear:
     """A gear that a scene has from now on, made at a solution if one is given."""
     if not isinstance(gear, Gear):
         raise SceneError(f"add_joint needs a joint such as fx_beam.Revolute, not {gear!r}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -72,6 +72,10 @@ class Input:
         return f"input {self.name!r}"
 
 
+#: A constant, a function of time or an input, as users give it.
+TimeValue = float | Sequence[float] | np.ndarray | Callable | Input
+
+
 class InputSignal(Signal):
     """An `Input` at a place with values (size,): zero, or what a motion sets over its steps.
 
@@ -117,7 +121,7 @@ class InputSignal(Signal):
         """Set the times of a step [s]."""
         self._t0, self._t1 = t0, t1
 
-    def __call__(self, *arguments: Any) -> np.ndarray:
+    def __call__(self, *arguments: float) -> np.ndarray:
         """The value (size,) in the step, or at its nearer end."""
         if not self.ramps:
             return self.end
@@ -126,7 +130,7 @@ class InputSignal(Signal):
         part = (arguments[0] - self._t0) / (self._t1 - self._t0)
         return np.array([self.start + min(max(part, 0.0), 1.0) * (self.end - self.start)])
 
-    def each(self, rows: Any, arrays: ArrayCalls | None = None, run: str = "") -> np.ndarray:
+    def each(self, rows: np.ndarray, arrays: ArrayCalls | None = None, run: str = "") -> np.ndarray:
         """Values (n, size) at times (n, 1)."""
         return np.array([self(*row) for row in rows.tolist()])
 
@@ -138,7 +142,7 @@ def time_function(value, size: int, name: str) -> Signal:
     return checked_function(value, size, name, 0.0)
 
 
-def is_open_input(function: Any) -> bool:
+def is_open_input(function: object) -> bool:
     """Whether a function of time is an input that no motion sets."""
     return isinstance(function, InputSignal) and function.is_open
 
@@ -256,7 +260,7 @@ def names_of_values(sizes: Mapping[str, int]) -> np.ndarray | None:
     return np.repeat([*sizes], [*sizes.values()]) if sizes else None
 
 
-def values_of(state: Any, sizes: Mapping[str, int]) -> np.ndarray | None:
+def values_of(state, sizes: Mapping[str, int]) -> np.ndarray | None:
     """Values of all inputs from a state, in the order of `widths`; zero for unknown names."""
     values, names = state.inputs, state.input_names
     if values is None or names is None:
@@ -267,7 +271,7 @@ def values_of(state: Any, sizes: Mapping[str, int]) -> np.ndarray | None:
     return np.concatenate([np.empty(0), *parts])
 
 
-def checked_value(name: str, value: float | Any) -> Signal:
+def checked_value(name: str, value: TimeValue) -> Signal:
     """A value of a parameter as a function of time (1,)."""
     if isinstance(value, ufl.core.expr.Expr):
         raise SceneError(f"parameter {name!r}: its value is {shown(value)}, not a number")

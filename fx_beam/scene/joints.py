@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from .inputs import time_function
 
 # Largest gap of a joint that is made at a solution, relative to the size of the scene.
 _FITS = 1e-6
+#: Numbers of one or of several rows.
+Numbers = np.ndarray | float
 _MOVE_ZERO = ", or give the joint an offset=: its slide counts from there along the axis"
 
 
@@ -55,17 +57,17 @@ class Track:
     number = 0
 
     @staticmethod
-    def place(axis: Any, slide: Any) -> tuple[Any, Any]:
+    def place(axis: np.ndarray, slide: Numbers) -> tuple[np.ndarray, np.ndarray]:
         """Components of the way from the offset to b [m]."""
         return slide * axis[0], slide * axis[1]
 
     @staticmethod
-    def tangent(axis: Any, slide: Any) -> tuple[Any, Any]:
+    def tangent(axis: np.ndarray, slide: Numbers) -> tuple[np.ndarray, np.ndarray]:
         """Unit vector of the slide: the derivative of the place."""
         return axis[0] + 0 * slide, axis[1] + 0 * slide
 
     @staticmethod
-    def nearest(axis: Any, x: Any, y: Any) -> Any:
+    def nearest(axis: np.ndarray, x: Numbers, y: Numbers) -> np.ndarray:
         """Slide of the place that is nearest to a point (x, y), seen from the offset [m]."""
         return x * axis[0] + y * axis[1]
 
@@ -212,6 +214,9 @@ class Joint:
         return slide, float(np.hypot(*(place - self.kinematics.place_on_a(slide))))
 
 
+AnyJoint = TypeVar("AnyJoint", bound=Joint)
+
+
 class NodalMotion(NamedTuple):
     """Motion over n rows: "q", displacements and rotations, or "v", their rates."""
 
@@ -259,7 +264,7 @@ class JointKinematics:
             "nodes, or give the joint an offset"
         )
 
-    def place_on_a(self, slide: Any) -> np.ndarray:
+    def place_on_a(self, slide: Numbers) -> np.ndarray:
         """Components (2, ...) of the place of b in the frame of a, at slides (...) [m]."""
         (x, y), axis = self.joint.offset, self.joint.axis
         if axis is None:
@@ -267,15 +272,17 @@ class JointKinematics:
         along = self.joint.track.place(axis, slide)
         return np.array([x + along[0], y + along[1]])
 
-    def tangent(self, slide: Any) -> np.ndarray:
+    def tangent(self, slide: Numbers) -> np.ndarray:
         """Unit vectors (2, ...) of the slide in the frame of a; zero without a slide."""
         axis = self.joint.axis
         return np.zeros(2) if axis is None else np.array(self.joint.track.tangent(axis, slide))
 
-    def slide_at(self, x: Any, y: Any) -> Any:
+    def slide_at(self, x: Numbers, y: Numbers) -> np.ndarray:
         """Slides (...) at components (...) of the place of b in the frame of a [m]."""
         (offset_x, offset_y), axis = self.joint.offset, self.joint.axis
-        return 0.0 if axis is None else self.joint.track.nearest(axis, x - offset_x, y - offset_y)
+        if axis is None:
+            return np.zeros(())
+        return self.joint.track.nearest(axis, x - offset_x, y - offset_y)
 
     def parting(self, motion: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From b to its place on a: components x and y (n,) [m]."""
@@ -321,16 +328,18 @@ class JointKinematics:
         (X, Y), (x, y, _) = self.joint.apart, self._difference(motion, "q")
         return self.slide_at(*self._turned(motion, (X + x, Y + y), back=True))
 
-    def _of(self, motion: NodalMotion, name: str, node: Node) -> Any:
+    def _of(self, motion: NodalMotion, name: str, node: Node) -> np.ndarray:
         """Components of a node; zero on the ground."""
-        return (0.0, 0.0, 0.0) if node.number < 0 else motion.node(name, node)
+        return np.zeros(3) if node.number < 0 else motion.node(name, node)
 
     def _difference(self, motion: NodalMotion, name: str) -> list[np.ndarray]:
         """Components (3,) of the motion of b relative to a: x_b - x_a."""
         a, b = (self._of(motion, name, node) for node in (self.joint.a, self.joint.b))
         return [end - start for end, start in zip(b, a, strict=True)]
 
-    def _turned(self, motion: NodalMotion, arm, back: bool = False) -> tuple[Any, Any]:
+    def _turned(
+        self, motion: NodalMotion, arm, back: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """R(psi_a) arm, or with `back` R(-psi_a) arm: the components as a sees them."""
         psi = self._of(motion, "q", self.joint.a)[2]
         c, s = np.cos(psi), np.sin(-psi if back else psi)
@@ -383,7 +392,7 @@ def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint
     return replace(joint, offset=offset, place=place)
 
 
-def moved_by(solution: Any, node: Node) -> np.ndarray:
+def moved_by(solution, node: Node) -> np.ndarray:
     """Displacements and rotation (3,) of a node at the end of a solution; zero for new ones."""
     end, X = getattr(solution, "end", None), getattr(solution, "X", None)
     if end is None or X is None:
@@ -418,7 +427,7 @@ def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
     >>> scene.add_joint(fb.Rigid(lower.end, upper.start, offset=(0, 0.5))).kind
     'Rigid'
     """
-    return new_joint("Rigid", a, b, offset)
+    return new_joint(Joint, "Rigid", a, b, offset)
 
 
 def Revolute(
@@ -468,7 +477,7 @@ def Revolute(
     rotation = checked_coordinate(
         "motor of a revolute joint", spring, damper, motor, friction, stop
     )
-    return new_joint("Revolute", a, b, offset, rotation=rotation)
+    return new_joint(Joint, "Revolute", a, b, offset, rotation=rotation)
 
 
 def Prismatic(
@@ -520,7 +529,8 @@ def Prismatic(
     -1.25
     """
     slide = checked_coordinate("motor of a prismatic joint", spring, damper, motor, friction, stop)
-    return new_joint("Prismatic", a, b, offset, direction(axis, "Prismatic: axis"), slide)
+    unit = direction(axis, "Prismatic: axis")
+    return new_joint(Joint, "Prismatic", a, b, offset, unit, slide)
 
 
 def PinInSlot(
@@ -578,7 +588,8 @@ def PinInSlot(
     require(isinstance(hinge, Coordinate), "PinInSlot: hinge", hinge, "an fx_beam.Coordinate")
     if hinge.motor is not None:
         hinge = replace(hinge, motor=time_function(hinge.motor, 1, "hinge of a pin in slot"))
-    return new_joint("PinInSlot", a, b, offset, direction(axis, "PinInSlot: axis"), slide, hinge)
+    unit = direction(axis, "PinInSlot: axis")
+    return new_joint(Joint, "PinInSlot", a, b, offset, unit, slide, hinge)
 
 
 def direction(value, name: str) -> np.ndarray:
@@ -594,7 +605,9 @@ def direction(value, name: str) -> np.ndarray:
     return unit
 
 
-def new_joint(kind, a, b, offset, axis=None, slide=None, rotation=None, cls=Joint, **extra) -> Any:
+def new_joint(
+    cls: type[AnyJoint], kind, a, b, offset, axis=None, slide=None, rotation=None, **extra
+) -> AnyJoint:
     """A joint of a class, and what this has more; SceneError for nodes and laws that do not fit."""
     if slide is not None and isinstance(slide.friction, Coulomb) and slide.friction.radius:
         raise SceneError(f"{kind}: friction of a slide has no radius; omit it")
@@ -649,18 +662,18 @@ class Constraints:
     driven: tuple[tuple[int, int], ...] = ()
 
 
-def missing_joints(scene: Any) -> list[int]:
+def missing_joints(scene) -> list[int]:
     """Numbers of joints that were removed, or are not there yet."""
     present = {*joints_by_number(scene), *(gear.number for gear in scene.gears)}
     return sorted({*range(scene.joint_count)} - present)
 
 
-def joints_by_number(scene: Any) -> dict[int, Joint]:
+def joints_by_number(scene) -> dict[int, Joint]:
     """The joints of a scene by their numbers; numbers of removed joints are missing."""
     return {joint.number: joint for joint in scene.joints}
 
 
-def slides_at_start(scene: Any) -> np.ndarray:
+def slides_at_start(scene) -> np.ndarray:
     """Slides (joint_count,) of the joints in the reference configuration [m]."""
     slides = np.zeros(scene.joint_count)
     for joint in scene.joints:
@@ -668,29 +681,25 @@ def slides_at_start(scene: Any) -> np.ndarray:
     return slides
 
 
-def constraints_of(scene: Any) -> Constraints:
+def constraints_of(scene) -> Constraints:
     """The joints and supports of a scene, in order."""
     keys = [*map(key_of, scene.joints), *(gear.key for gear in scene.gears)]
     joints = tuple(sorted(keys, key=lambda key: key.number))
     return Constraints(joints, tuple(sorted(scene.fixed)), tuple(sorted(scene.prescribed)))
 
 
-def key_of(joint: Joint) -> JointKey:
-    """Identifier of a joint in a scene that has changed."""
-    return _key(joint, joint.number, tuple(joint.driven))
-
-
 def coupling_of(joint: Joint) -> JointKey:
     """Kind, nodes and place of a joint: of two joints with the same ones, one is enough."""
-    return _key(joint, -1, ())
+    return replace(key_of(joint), number=-1, motors=())
 
 
-def _key(joint: Joint, number: int, motors: tuple[str, ...]) -> JointKey:
+def key_of(joint: Joint) -> JointKey:
+    """Identifier of a joint in a scene that has changed."""
     place = joint.offset.tolist()
     if joint.axis is not None:
         place += joint.axis.tolist()
     if joint.place is not None:
         place += [*joint.place.apart, joint.place.turn]
-    beam = getattr(joint, "beam", None)
-    name = "" if beam is None else beam.name
-    return JointKey(number, joint.kind, joint.a.number, joint.b.number, motors, tuple(place), name)
+    beam = getattr(getattr(joint, "beam", None), "name", "")
+    nodes, motors = (joint.a.number, joint.b.number), tuple(joint.driven)
+    return JointKey(joint.number, joint.kind, *nodes, motors, tuple(place), beam)

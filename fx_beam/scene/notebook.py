@@ -39,7 +39,7 @@ def sketch(lines: Iterable[Any], shades: Iterable[str]) -> str:
     return f'<svg {box} style="background:white">{drawn}</svg>'
 
 
-def facts(scene: Any) -> dict[str, str]:
+def facts(scene) -> dict[str, str]:
     """Numbers of what a scene is made of, by their names."""
     beams, elements = scene.beams, sum(beam.elements for beam in scene.beams)
     entries = {"members": _listed([beam.name for beam in beams])}

@@ -6,14 +6,13 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
 
 import numpy as np
 
 from fx_beam.errors import IS_DATA, SceneError, check_fields, is_one_of, real, real_array, require
 
 from .beam import Node
-from .forces_between import ForceBetween
+from .forces_between import ForceBetween, Point
 
 # Points on an arc of a picture.
 _DRAWN = 17
@@ -58,7 +57,7 @@ class Pulley:
     2.6283 m
     """
 
-    at: Any
+    at: Point
     radius: float = real("positive")
     side: str = "left"
 
@@ -74,7 +73,6 @@ class RopeOverPulleys(ForceBetween):
     The points are the centres.
     """
 
-    over_pulleys: ClassVar[bool] = True
     #: Of each point: n for a node, f for a fixed one, N and F for pulleys there, D for a drum.
     kinds: str = ""  # type: ignore[misc]
     #: Radii (n,), positive for a centre on the left of the rope, 0 for points [m].
@@ -91,11 +89,11 @@ class RopeOverPulleys(ForceBetween):
         _ = self.turns  # which says what the rope does not touch
 
     @property
-    def steps(self) -> Any:
+    def steps(self) -> np.ndarray:
         """Differences (n - 1,) of the radii of neighbours [m]."""
         return self.radii[:-1] - self.radii[1:]
 
-    def spans(self, ways: Any) -> tuple[Any, Any]:
+    def spans(self, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lengths (n - 1, ...) of the free spans [m], and angles from the centres' lines to them.
 
         `ways` (n - 1, 2, ...) are the vectors from each centre to the next one [m].
@@ -104,7 +102,7 @@ class RopeOverPulleys(ForceBetween):
         steps = self.steps.reshape(-1, *[1] * (far.ndim - 1))
         return np.sqrt(far * far - steps * steps), np.arcsin(steps / far)
 
-    def straight(self, ways: Any) -> Any:
+    def straight(self, ways: np.ndarray) -> np.ndarray:
         """Vectors (n - 1, 2) of the free spans for those between centres [m]."""
         spans, leans = self.spans(ways)
         ratio, c, s = spans / np.hypot(*ways.T), np.cos(leans), np.sin(leans)
@@ -112,7 +110,7 @@ class RopeOverPulleys(ForceBetween):
         return np.stack([ratio * (c * x - s * y), ratio * (s * x + c * y)], axis=1)
 
     @property
-    def turns(self) -> Any:
+    def turns(self) -> np.ndarray:
         """Angles (n,) of the arcs where the length has no part of drums; less those of `spans`."""
         ways = self.apart
         _, leans = self.spans(ways)
@@ -123,7 +121,7 @@ class RopeOverPulleys(ForceBetween):
             turns.append(turn + self._full_turns(i, turn + leans[i] - leans[i - 1]))
         return real_array([*turns, leans[-1]])
 
-    def _full_turns(self, i: int, turn: Any) -> float:
+    def _full_turns(self, i: int, turn: float) -> float:
         """Full turns [rad] that make an arc positive on its side; SceneError if none touches."""
         radius = float(self.radii[i])
         if not radius:
@@ -140,7 +138,7 @@ class RopeOverPulleys(ForceBetween):
         return math.copysign(wrap - arc, radius) if abs(wrap - arc) > 1e-9 else 0.0
 
     @property
-    def numbers(self) -> list[Any]:
+    def numbers(self) -> list[float]:
         """Ways between centres, and of each circle the radius and the arc at the start."""
         circles = [i for i, kind in enumerate(self.kinds) if kind in "NFD"]
         circle_numbers = [x for i in circles for x in (self.radii[i], self.turns[i])]
@@ -159,7 +157,7 @@ class RopeOverPulleys(ForceBetween):
         ends = (0, -self.radii[0]), (-1, self.radii[-1])
         return [(self.nodes[i], float(r)) for i, r in ends if self.kinds[i] == "D"]
 
-    def state(self, vectors: Any, turned: Any) -> tuple[Any, Any]:
+    def state(self, vectors: np.ndarray, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Length (rows,) [m] and arcs (n, rows) on circles [rad], of drums since the start."""
         spans, leans = self.spans(vectors)
         z, Z = vectors[:, 0] + 1j * vectors[:, 1], self.apart[:, 0] + 1j * self.apart[:, 1]
@@ -171,7 +169,7 @@ class RopeOverPulleys(ForceBetween):
         arcs += np.asarray(self.turns, dtype=float)[:, None]
         return spans.sum(axis=0) + self.radii @ arcs, arcs * np.sign(self.radii)[:, None]
 
-    def rate(self, vectors: Any, rates: Any, spins: Any) -> Any:
+    def rate(self, vectors: np.ndarray, rates: np.ndarray, spins: np.ndarray) -> np.ndarray:
         """Rate (rows,) of the length [m/s]."""
         _, leans = self.spans(vectors)
         far, c, s = np.hypot(vectors[:, 0], vectors[:, 1]), np.cos(leans), np.sin(leans)
@@ -179,7 +177,7 @@ class RopeOverPulleys(ForceBetween):
         along = (c * x - s * y) * rates[:, 0] + (s * x + c * y) * rates[:, 1]
         return along.sum(axis=0) - self.radii[0] * spins[0] + self.radii[-1] * spins[1]
 
-    def outline(self, centres: Any) -> np.ndarray:
+    def outline(self, centres: np.ndarray) -> np.ndarray:
         """Points (..., m, 2) along the rope for centres (n, ..., 2)."""
         ways = np.moveaxis(np.diff(centres, axis=0), -1, 1)
         _, leans = self.spans(ways)
@@ -196,17 +194,19 @@ class RopeOverPulleys(ForceBetween):
         return np.stack(out, axis=-2)
 
 
-def rope_parts(points: Sequence[Any]) -> tuple[list[Any], dict[str, Any]]:
+def rope_parts(points: Sequence[Point | Pulley]) -> tuple[list[Point], str, np.ndarray]:
     """Centres of points and pulleys of a rope, and the rest of a `RopeOverPulleys`."""
-    centres, kinds, radii = list[Any](), "", list[Any]()
+    centres, kinds, radii = list[Point](), "", list[float]()
     for i, point in enumerate(points):
-        circle = isinstance(point, Pulley)
-        centre = point.at if circle else point
+        centre = point.at if isinstance(point, Pulley) else point
+        radius = 0.0
+        if isinstance(point, Pulley):
+            radius = point.radius if point.side == "left" else -point.radius
         kind = "n" if isinstance(centre, Node) else "f"
-        if circle:
+        if radius:
             is_at_end = i in (0, len(points) - 1) and kind == "n"
             kind = "D" if is_at_end else kind.upper()
         centres.append(centre)
         kinds += kind
-        radii.append((point.radius if point.side == "left" else -point.radius) if circle else 0.0)
-    return centres, {"kinds": kinds, "radii": real_array(radii)}
+        radii.append(radius)
+    return centres, kinds, real_array(radii)

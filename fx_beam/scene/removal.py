@@ -5,7 +5,7 @@ Numbers of nodes and joints stay: rows of solutions belong to them. Nodes of no 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +24,7 @@ _WITH_ENDS = """loads natural_strains drags velocities virtual_works contacts jo
 _REMOVABLE = {*_WITH_ENDS, "beams", "bodies", "masses", "dampings"} - {"velocities"}
 
 
-def own_joint(scene: Any, joint: Joint) -> Joint | None:
+def own_joint(scene, joint: Joint) -> Joint | None:
     """The joint of a scene with the number and nodes of `joint`, which may be locked by now."""
     known = joints_by_number(scene).get(joint.number)
     key = joint.kind, joint.a, joint.b
@@ -32,7 +32,7 @@ def own_joint(scene: Any, joint: Joint) -> Joint | None:
     return known if is_same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
 
 
-def joint_of(scene: Any, joint: Any, name: str) -> Joint:
+def joint_of(scene, joint: object, name: str) -> Joint:
     """`own_joint` of a scene; SceneError if there is none."""
     known: Any = own_joint(scene, joint) if isinstance(joint, Joint) else None
     expected = "a joint that add_joint of this scene returned, and that was not removed"
@@ -40,7 +40,7 @@ def joint_of(scene: Any, joint: Any, name: str) -> Joint:
     return known
 
 
-def position_in(parts: Sequence, part: Any, name: str, kind: str) -> int:
+def position_in(parts: Sequence, part: object, name: str, kind: str) -> int:
     """Index of a part in a list of a scene; SceneError if it is not there."""
     for i, other in enumerate(parts):
         if other is part:
@@ -51,12 +51,12 @@ def position_in(parts: Sequence, part: Any, name: str, kind: str) -> int:
     )
 
 
-def remove_part(scene: Any, part: Any) -> None:
+def remove_part(scene, part: object) -> None:
     """Take a part away, with what goes with it; SceneError if the scene does not have it."""
     if isinstance(part, Joint):
         part = own_joint(scene, part) or part
     lists = (getattr(scene, name) for name in _REMOVABLE)
-    parts: list[Any] = next((items for items in lists if any(part is other for other in items)), [])
+    parts: list = next((items for items in lists if any(part is other for other in items)), [])
     del parts[position_in(parts, part, "remove", "a part")]
     _forget(scene, part)
     _remove_gears(scene)
@@ -73,13 +73,13 @@ def remove_part(scene: Any, part: Any) -> None:
         _remove_nodes(scene, part.nodes)
 
 
-def _remove_gears(scene: Any) -> None:
+def _remove_gears(scene) -> None:
     """Take gears away whose joints are gone."""
     numbers = joints_by_number(scene)
     scene.gears[:] = [g for g in scene.gears if {t.joint.number for t in g.terms} <= {*numbers}]
 
 
-def _forget(scene: Any, part: Any) -> None:
+def _forget(scene, part: object) -> None:
     """Take the parameters of a force between points, or of a pressure, away."""
     for name in getattr(part, "own", ()):
         scene.parameters.forget(name)
@@ -97,20 +97,20 @@ def locked(joint: Joint, coordinate: str | None) -> Joint:
     name = coordinate or names[0]
     if name in joint.driven:
         raise SceneError(f"lock {joint}: a motor, or a lock, holds its {name} already")
-    locked_coordinate: Any = replace(joint.coordinates[name], motor=Locked())
-    return replace(joint, **{name: locked_coordinate})
+    changed: dict = {name: replace(joint.coordinates[name], motor=Locked())}
+    return replace(joint, **changed)
 
 
 def unlocked(joint: Joint) -> Joint:
     """The joint without its lock; SceneError if it has none."""
     for name, part in joint.coordinates.items():
         if isinstance(part.motor, Locked):
-            free: Any = replace(part, motor=None)
-            return replace(joint, **{name: free})
+            changed: dict = {name: replace(part, motor=None)}
+            return replace(joint, **changed)
     raise SceneError(f"unlock {joint}: it is not locked")
 
 
-def _remove_nodes(scene: Any, nodes: Any) -> None:
+def _remove_nodes(scene, nodes: Iterable[Node]) -> None:
     """Take all away that is on nodes which belong to no member, and hold them."""
     used = {node.number for member in (*scene.beams, *scene.bodies) for node in member.nodes}
     used |= {node.number for beam in scene.beams for node in beam.carriers}
@@ -123,10 +123,10 @@ def _remove_nodes(scene: Any, nodes: Any) -> None:
                 scene.fixed.add((node.number, i))
 
 
-def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
+def _remove_what_is_on(scene, target: Beam | Node) -> None:
     """Take loads, masses, joints, contacts and more away that act on a beam or on a node."""
 
-    def is_on_it(part: Any) -> bool:
+    def is_on_it(part) -> bool:
         shape = getattr(part, "shape", None)
         ends = [getattr(part, name, None) for name in ("target", "beam", "a", "b")]
         ends += part.points if isinstance(part, ForceBetween) else ()

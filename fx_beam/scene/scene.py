@@ -6,7 +6,7 @@ import copy
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 
@@ -27,9 +27,9 @@ from .body import Body, Members, check_body, velocities_of
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
-from .forces_between import ForceBetween, Pull, checked_force, rope_spring
+from .forces_between import ForceBetween, Point, Pull, checked_force, rope_spring
 from .functions import ArrayCalls, Signal
-from .inputs import Input, time_function
+from .inputs import Input, TimeValue, time_function
 from .joints import GROUND, Joint, JointKey, Revolute, Rigid, coupling_of, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
@@ -39,13 +39,19 @@ from .section import Section, functions_of_section
 from .sliders import SlidingJoint
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from fx_beam.symbolic import Expr
+
     from .gears import Gear
     from .ground_springs import Bed, GroundSprings
     from .mesh import MeshBeams
+    from .pulleys import Pulley
     from .shaking import Shaking
     from .symbols import Parameter
 
 _Part = TypeVar("_Part")
+_Joint = TypeVar("_Joint", Joint, "Gear")
 _Force = TypeVar("_Force", bound=ForceBetween)
 _Load = TypeVar("_Load", loads.Load, loads.VirtualWork, NaturalStrain)
 
@@ -127,13 +133,13 @@ class Scene:
         for node in self.nodes:
             object.__setattr__(node, "scene", self)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> NoReturn:
         from fx_beam.other_names import no_attribute
 
         raise no_attribute(self, name, dir(type(self)))
 
     @property
-    def gravity(self) -> Any:
+    def gravity(self) -> np.ndarray | None:
         """Acceleration (2,) of every mass [m/s^2], or None. It may be set.
 
         None as well for a function of time, which is one of the scene's `loads`.
@@ -243,13 +249,13 @@ class Scene:
 
     def add_mesh(
         self,
-        points: Any,
-        cells: Any,
+        points: ArrayLike,
+        cells: ArrayLike,
         section: Section | Mapping[Any, Section],
         elements: int | Sequence[int] = 1,
         degree: int = 1,
         joints: str = "rigid",
-        tags: Any = None,
+        tags: ArrayLike | None = None,
     ) -> MeshBeams:
         """Add straight beams between the points of a mesh: a lattice, a truss, a frame.
 
@@ -382,7 +388,7 @@ class Scene:
         m, J = (loads.not_negative(value, f"{name}: {quantity}") for quantity, value in numbers)
         ok = isinstance(points, Mapping | None) and all(map(is_name, points or ()))
         require(ok, f"{name}: points", points, "a dict of positions by their names")
-        ends: list[Any] = [(x, y)]
+        ends: list[Point] = [(x, y)]
         for key, point in (points or {}).items():
             subject = f"{name}: point {key!r}"
             if isinstance(point, Node):
@@ -466,13 +472,7 @@ class Scene:
             function = time_function(value, 1, f"prescribed {name} of {node}")
             self.prescribed[_free_component(self, node, name)] = function
 
-    @overload
-    def add_joint(self, joint: Joint, at: Any = None) -> Joint: ...
-
-    @overload
-    def add_joint(self, joint: Gear, at: Any = None) -> Gear: ...
-
-    def add_joint(self, joint: Joint | Gear, at: Any = None) -> Joint | Gear:
+    def add_joint(self, joint: _Joint, at: object = None) -> _Joint:
         """Add a joint, or a gear or rack between two joints.
 
         Parameters
@@ -525,7 +525,7 @@ class Scene:
             self.add_joint(Rigid(guide, joint.b))
         return joint
 
-    def _numbered(self, joint: Joint, **nodes: Any) -> Joint:
+    def _numbered(self, joint: Joint, **nodes) -> Joint:
         """A checked joint, with other nodes if given, added with the next number."""
         joint = replace(joint, number=self.joint_count, **nodes)
         self.joint_count += 1
@@ -574,7 +574,7 @@ class Scene:
         stiffness: float | None = None,
         restitution: float = 1.0,
         speed: float | None = None,
-        energy: Callable[[Any], Any] | None = None,
+        energy: Callable[[Expr], Expr] | None = None,
         friction: Coulomb | None = None,
         radius: float | tuple[float, float] = 0.0,
         along: int | None = None,
@@ -678,7 +678,7 @@ class Scene:
     def add_force_between(
         self,
         a: Node,
-        b: Any,
+        b: Point,
         spring: Spring | None = None,
         damper: Damper | None = None,
         friction: SmoothFriction | None = None,
@@ -743,13 +743,13 @@ class Scene:
 
     def add_rope(
         self,
-        points: Sequence[Any],
+        points: Sequence[Point | Pulley],
         spring: Spring | None = None,
         damper: Damper | None = None,
         friction: SmoothFriction | None = None,
         stop: Stop | tuple | None = None,
         force: Pull | float | Input | None = None,
-        length: Any = None,
+        length: TimeValue | Parameter | None = None,
     ) -> ForceBetween:
         r"""Add a massless rope over several points: a force on the sum of their distances.
 
@@ -813,8 +813,8 @@ class Scene:
         if any(hasattr(point, "side") for point in points):
             from .pulleys import RopeOverPulleys, rope_parts
 
-            points, parts = rope_parts(points)
-            make = functools.partial(RopeOverPulleys, **parts)
+            points, kinds, radii = rope_parts(points)
+            make = functools.partial(RopeOverPulleys, kinds=kinds, radii=radii)
         nodes = [point for point in points if isinstance(point, Node)]
         require(bool(nodes), name, points, "with a node among them: nothing else can move")
         for node in nodes:
@@ -1331,7 +1331,7 @@ class Scene:
         return _added(self.dampings, loads.Damping(alpha, tau))
 
     def add_virtual_work(
-        self, term: Callable[[Any], Any], beam: Beam | None = None
+        self, term: Callable[..., Expr], beam: Beam | None = None
     ) -> loads.VirtualWork:
         """Add a force of your own by its virtual work, in UFL.
 
@@ -1397,7 +1397,7 @@ class Scene:
             For a load that this scene does not have, or a value that does not fit.
         """
         strains = {"axial": axial, "shear": shear, "curvature": curvature}
-        parts: list[Any] = self.loads
+        parts: list = self.loads
         if isinstance(load, NaturalStrain):
             parts = self.natural_strains
             require(value is None, f"change: value of a {load}", value, "axial=, shear=, ...")
@@ -1617,7 +1617,7 @@ def _free_component(scene: Scene, node: Node, component: str) -> tuple[int, int]
     return key
 
 
-def _added(parts: list[Any], part: _Part) -> _Part:
+def _added(parts: list, part: _Part) -> _Part:
     """The part, added to a list of the scene."""
     parts.append(part)
     return part

@@ -333,5 +333,6 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         require(ok, f"{kind}: fraction", fraction, "a number from 0 to 1")
         fraction = as_float(fraction)
     slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
-    options = {"cls": SlidingJoint, "beam": beam, "fraction": fraction}
-    return new_joint(kind, beam.nodes[0], node, (0.0, 0.0), None, slide, rotation, **options)
+    ends, zero = (beam.nodes[0], node), (0.0, 0.0)
+    extra = {"beam": beam, "fraction": fraction}
+    return new_joint(SlidingJoint, kind, *ends, zero, None, slide, rotation, **extra)

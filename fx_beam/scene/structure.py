@@ -26,7 +26,7 @@ from .scene import Scene
 from .section import functions_of_section
 
 
-def expressions_of(scene: Scene) -> Iterator[tuple[str, Any]]:
+def expressions_of(scene: Scene) -> Iterator[tuple[str, object]]:
     """Expressions of all functions of the user, with their names, in a fixed order."""
     sections = [beam.section for beam in scene.beams]
     if any(section.strain_energy is not None for section in sections):
@@ -73,7 +73,7 @@ class _Form(NamedTuple):
     """The structure of a part of a scene: its kind, and the forms of its attributes."""
 
     kind: type
-    parts: list[Any]
+    parts: list[object]
 
 
 class Structure:
@@ -103,7 +103,7 @@ class Structure:
                 )
 
 
-def _difference(form: Any, known: Any) -> str:
+def _difference(form: object, known: object) -> str:
     """Where two forms differ first, and how."""
     if isinstance(form, list) and isinstance(known, list):
         if len(form) != len(known):
@@ -118,9 +118,9 @@ def _difference(form: Any, known: Any) -> str:
     return next(name + _difference(a, b) for name, a, b in pairs if a != b)
 
 
-def _forms_of(scene: Scene) -> dict[str, Any]:
+def _forms_of(scene: Scene) -> dict[str, object]:
     """Structures of all that a scene has, by their names; without what is empty or zero."""
-    known_forms: dict[int, Any] = {}
+    known_forms = dict[int, _Form]()
     return {
         name: _form_of_number(value) if name in _NUMBERS else _form(value, known_forms)
         for name, value in vars(scene).items()
@@ -128,7 +128,7 @@ def _forms_of(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _form(value: Any, known_forms: dict[int, Any]) -> Any:
+def _form(value: object, known_forms: dict[int, _Form]) -> object:
     """Structure of a value; `known_forms` has those of parts by ids, as beams share sections."""
     kind: Any = type(value)
     if kind in _PLAIN:
@@ -153,8 +153,8 @@ def _form(value: Any, known_forms: dict[int, Any]) -> Any:
 
 
 def _forms_of_fields(
-    part: Any, structure: list[str], numbers: list[str], known_forms: dict[int, Any]
-) -> list[Any]:
+    part: object, structure: list[str], numbers: list[str], known_forms: dict[int, _Form]
+) -> list[object]:
     """Forms of fields of a dataclass, those that are structure first."""
     forms = [
         x if type(x := getattr(part, name)) in _PLAIN else _form(x, known_forms)
@@ -177,7 +177,7 @@ def _fields(kind: type) -> tuple[list[str], list[str]] | None:
     return names
 
 
-def _form_of_number(number: Any) -> Any:
+def _form_of_number(number: Any) -> object:
     """Shape of a number, or names of several; a function counts as one number."""
     if number is None:
         return None
