@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -25,7 +26,8 @@ from fx_beam.errors import (
 )
 
 from .beam import Beam, Node, gauss_rule, lagrange, position_of, reference_positions
-from .coordinate import Coulomb, check_impact, loss_of
+from .coordinate import Coulomb, OneSided
+from .functions import Numbers
 from .joints import GROUND, direction
 from .law import Energy, check_energy
 from .loads import label
@@ -36,6 +38,8 @@ from .parameters import value_of
 _SHARES = {1: np.array([1, 1]) / 2, 2: np.array([1, 4, 1]) / 6, 3: np.array([1, 3, 3, 1]) / 8}
 # Most integration points in an element.
 _MOST_POINTS = 50
+#: A point, or a node that carries a shape, as users give it.
+Place = Node | Sequence[float] | np.ndarray
 _Two = tuple[np.ndarray, np.ndarray]
 
 # Iterations for the nearest point of a piece; pieces that may have it, from the nearest node.
@@ -44,14 +48,14 @@ _ITERATIONS, _ABOUT = 26, np.arange(-1, 2)
 _PAIRS = 100_000
 
 
-def _place(place: Any, name: str) -> Any:
+def _place(place: Place, name: str) -> Node | tuple[float, float]:
     """A node that carries a shape, or the point (x, y) of one that is fixed."""
     if isinstance(place, Node) and place is not GROUND:
         return place
     if not isinstance(place, list | tuple | np.ndarray):
         expected = "(x, y), or a node that carries it: beam.end, body.centre, body[name]"
-        place = "the ground" if place is GROUND else shown(place)
-        raise SceneError(f"{name} = {place} must be {expected}")
+        words = "the ground" if place is GROUND else shown(place)
+        raise SceneError(f"{name} = {words} must be {expected}")
     x, y = map(as_float, vector(place, 2, name))
     return x, y
 
@@ -118,7 +122,7 @@ class Shape:
         """Numbers of the shape in the law of the gap."""
         raise NotImplementedError
 
-    def seen(self, arms: np.ndarray, turn: Any = 0.0) -> _Two:
+    def seen(self, arms: np.ndarray, turn: Numbers = 0.0) -> _Two:
         """Distances (...) and directions (..., 2) to the free side, of arms (..., 2) from it.
 
         It has turned by an angle (...) [rad].
@@ -161,8 +165,8 @@ class Line(Shape):
     1.5
     """
 
-    point: Any = field(metadata=IS_DATA)
-    normal: Any = field(metadata=IS_DATA)
+    point: Place = field(metadata=IS_DATA)
+    normal: Sequence[float] | np.ndarray = field(metadata=IS_DATA)
 
     def __post_init__(self):
         super().__post_init__()
@@ -172,9 +176,9 @@ class Line(Shape):
     @property
     def gap_numbers(self) -> tuple[float, ...]:
         """The normal."""
-        return self.normal
+        return tuple(self.normal)
 
-    def seen(self, arms: np.ndarray, turn: Any = 0.0) -> _Two:
+    def seen(self, arms: np.ndarray, turn: Numbers = 0.0) -> _Two:
         """Distances, and the normal."""
         (x, y), c, s = self.normal, np.cos(turn), np.sin(turn)
         normals = np.stack([c * x - s * y, s * x + c * y], axis=-1)
@@ -184,9 +188,9 @@ class Line(Shape):
         """The two ends of the part past the positions."""
         x, y = self.normal
         along = np.array([-y, x])
-        s = (positions - self.point) @ along
+        s = (positions - self.origin) @ along
         reach = np.array([s.min() - beyond, s.max() + beyond])
-        return self.point + reach[:, None] * along, np.tile((-x, -y), (2, 1))
+        return self.origin + reach[:, None] * along, np.tile((-x, -y), (2, 1))
 
 
 @dataclass(frozen=True)
@@ -214,7 +218,7 @@ class Circle(Shape):
     array([ 1., -1.])
     """
 
-    centre: Any = field(metadata=IS_DATA)
+    centre: Place = field(metadata=IS_DATA)
     radius: float = real("positive")
     inside: bool = flag(default=False)
 
@@ -232,7 +236,7 @@ class Circle(Shape):
         """Radius and side."""
         return self.radius, self.side
 
-    def seen(self, arms: np.ndarray, turn: Any = 0.0) -> _Two:
+    def seen(self, arms: np.ndarray, turn: Numbers = 0.0) -> _Two:
         """Distances, and directions from the centre, or towards it inside."""
         distance = np.hypot(*np.moveaxis(arms, -1, 0))
         directions = self.side * arms / np.maximum(distance, 1e-300)[..., None]
@@ -247,17 +251,17 @@ class Circle(Shape):
         """Points of the circle or of its near part."""
         middle, half = 0.0, np.pi
         if self.radius > size:
-            arms = positions - self.centre
+            arms = positions - self.origin
             middle = np.arctan2(*arms.mean(axis=0)[::-1])
             apart = np.angle(np.exp(1j * (np.arctan2(*arms.T[::-1]) - middle)))
             half = min(np.pi, abs(apart).max() + beyond / self.radius)
         angle = middle + np.linspace(-half, half, 181)
         out = np.column_stack([np.cos(angle), np.sin(angle)])
-        return self.centre + self.radius * out, -self.side * out
+        return self.origin + self.radius * out, -self.side * out
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class Contact(OneSided):
     """Contact of a node, or of points of a beam, with a line, a circle or a beam.
 
     Created by `Scene.add_contact`.
@@ -317,12 +321,12 @@ class Contact:
         check_energy(self.energy, None, name, ("d",), "energy")
         if self.energy is not None:
             values = [value_of(self.energy, [d], f"{name}: energy(d)") for d in (0.0, 1e-6)]
-            rises = all(map(is_number, values)) and values[1] >= values[0]
+            rises = all(map(is_number, values)) and as_float(values[1]) >= as_float(values[0])
             expected = "finite, and rise with the depth d"
             require(rises, f"{name}: energy(d) at d = 0 and 1e-6", values, expected)
-        check_impact(self, name)
+        self.check_impact(name)
         if isinstance(self.shape, Beam):
-            radius: Any = _checked_radii(name, self.radius)
+            radius: float | tuple[float, float] = _checked_radii(name, self.radius)
         else:
             radius = finite(self.radius, f"{name}: radius", "not negative")
         if along is not None:
@@ -348,11 +352,6 @@ class Contact:
             return f"{number}{label(self.target)} against {other}"
         carrier = f" on {self.shape.carrier}" if self.shape.carrier is not None else ""
         return f"{number}{self.shape.name}{carrier} for {label(self.target)}"
-
-    @property
-    def loss(self) -> float:
-        """Dissipative part r of the force, relative to the elastic part."""
-        return loss_of(self.restitution)
 
     @property
     def radii(self) -> float:
@@ -405,7 +404,7 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
     return Points(np.repeat(nodes, along, axis=0), weights, np.outer(lengths, shares).ravel())
 
 
-def _checked_radii(name: str, radius: Any) -> tuple[float, float]:
+def _checked_radii(name: str, radius) -> tuple[float, float]:
     """Half thicknesses (radius of the other member, of the target); one number is for both."""
     pair = (radius, radius) if is_number(radius) else radius
     pair = tuple(pair) if getattr(pair, "ndim", 0) == 1 else pair

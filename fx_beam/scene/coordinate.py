@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from fx_beam.errors import IS_DATA, SceneError, check_fields, finite, is_number, real, require
-from fx_beam.symbolic import parts_of, ufl
+from fx_beam.symbolic import Expr, parts_of, ufl
 
-from .functions import Signal
+from .functions import Numbers, Signal
 from .inputs import Input, time_function
 from .law import Energy, InternalVariables, check_energy, functions_of_energy
 from .parameters import is_parameter, scalar_of, value_of
@@ -23,8 +22,35 @@ _LEAST = 0.02
 _RATES = [sign * 10.0**k for k in range(-6, 5) for sign in (1, -1)]
 
 
+class OneSided:
+    """What resists on one side alone, with a loss: a stop or a contact."""
+
+    restitution: float
+    speed: float | None
+
+    @property
+    def loss(self) -> float:
+        """Dissipative part of the force, r = (1 - e^2) / (1 + e^2), relative to the elastic part.
+
+        The forces out and in have the ratio e^2.
+        """
+        e = max(self.restitution, _LEAST)
+        return (1 - e**2) / (1 + e**2)
+
+    def check_impact(self, name: str) -> None:
+        """Check the fields; SceneError for losses that are out of range."""
+        check_fields(self, name)
+        e = self.restitution
+        require(e <= 1, f"{name}: restitution", e, "a number from 0 to 1")
+        if self.speed is None and e < 1:
+            raise SceneError(
+                f"{name}: a restitution below 1 needs a speed, the rate below which the loss is "
+                "viscous. Try a hundredth of the speed of the impacts"
+            )
+
+
 @dataclass(frozen=True)
-class Stop:
+class Stop(OneSided):
     """Stops at one or both ends of a joint's free coordinate x: one-sided springs.
 
     Beyond a limit by d, the force is k d (1 + r tanh(rate of d / speed)), with r = (1 - e^2) /
@@ -77,7 +103,7 @@ class Stop:
 
     def __post_init__(self):
         _refuse_functions(self, ("lower", "upper", "stiffness"), _IN_ENERGY)
-        check_impact(self, "Stop")
+        self.check_impact("Stop")
         if self.lower is None and self.upper is None:
             raise SceneError("Stop: give a lower limit, an upper limit or both")
         if self.lower is not None and self.upper is not None:
@@ -110,17 +136,6 @@ class Stop:
                     f"stop. Move the limit{more}"
                 )
 
-    @property
-    def loss(self) -> float:
-        """Dissipative part r of the force, relative to the elastic part."""
-        return loss_of(self.restitution)
-
-
-def loss_of(restitution: float) -> float:
-    """r = (1 - e^2) / (1 + e^2), so that the forces out and in have the ratio e^2."""
-    e = max(restitution, _LEAST)
-    return (1 - e**2) / (1 + e**2)
-
 
 # Where what changes in time is given.
 _IN_ENERGY = (
@@ -129,7 +144,7 @@ _IN_ENERGY = (
 )
 
 
-def _refuse_functions(part: Any, names: tuple[str, ...], place: str) -> None:
+def _refuse_functions(part: object, names: tuple[str, ...], place: str) -> None:
     """Refuse functions of time, parameters and inputs, with the place where they may stand."""
     for name in names:
         value = getattr(part, name)
@@ -138,18 +153,6 @@ def _refuse_functions(part: Any, names: tuple[str, ...], place: str) -> None:
                 f"{type(part).__name__}: {name} is a number, and does not change in time. What "
                 f"changes is an fx_beam.Parameter in {place}"
             )
-
-
-def check_impact(part: Any, name: str) -> None:
-    """Check the fields of a contact; SceneError for losses that are out of range."""
-    check_fields(part, name)
-    e = part.restitution
-    require(e <= 1, f"{name}: restitution", e, "a number from 0 to 1")
-    if part.speed is None and e < 1:
-        raise SceneError(
-            f"{name}: a restitution below 1 needs a speed, the rate below which the loss is "
-            "viscous. Try a hundredth of the speed of the impacts"
-        )
 
 
 @dataclass(frozen=True)
@@ -219,21 +222,23 @@ class Coulomb:
         check_fields(self)
 
 
-def friction_numbers(friction: Coulomb, share: Any, mobility: Any) -> list[Any]:
+def friction_numbers(friction: Coulomb, share: Numbers, mobility: Numbers) -> list:
     """Numbers tau, mu, kt of the law with a share of the stiffness; damping is critical by default.
 
     The `mobility` is 1 / m, zero for what cannot move; an array for several points.
     """
     mobility, stiffness = np.asarray(mobility, float), friction.stiffness * share
-    damping = friction.damping
+    damping: Numbers | None = friction.damping
     if damping is None:
         damping = 2 / np.sqrt(np.where(mobility > 0, stiffness * mobility, np.inf))
     return [damping + 0 * mobility, friction.mu + 0 * mobility, stiffness + 0 * mobility]
 
 
-def numbers_of_loss(part: Any, static: bool) -> list[float]:
+def numbers_of_loss(part: OneSided, static: bool) -> list[float]:
     """Numbers r and speed of the loss of a stop or a contact; none without, or in statics."""
-    return [part.loss, part.speed] if part.loss and not static else []
+    if static or part.speed is None or not part.loss:
+        return []
+    return [part.loss, part.speed]
 
 
 @dataclass(frozen=True)
@@ -335,7 +340,7 @@ class Damper:
     """
 
     viscosity: float = real("not negative", default=0.0)
-    law: Callable[[Any], Any] | None = field(default=None, metadata=IS_DATA)
+    law: Callable[[Expr], Expr] | None = field(default=None, metadata=IS_DATA)
 
     def __post_init__(self):
         _refuse_functions(self, ("viscosity",), "the law of a damper, law=lambda rate: c * rate")
@@ -381,7 +386,7 @@ class SmoothFriction:
     1.0
     """
 
-    force: float | Callable[[Any], Any] = field(metadata=IS_DATA)
+    force: float | Callable[[Expr], Expr] = field(metadata=IS_DATA)
     speed: float = real("not negative")
 
     def __post_init__(self):
@@ -479,7 +484,7 @@ def checked_coordinate(name: str, spring, damper, motor, friction=None, stop=Non
     return Coordinate(spring, damper, motor, friction, stop)
 
 
-def _check_magnitude(force: Callable[[Any], Any]) -> None:
+def _check_magnitude(force: Callable[[Expr], Expr]) -> None:
     """Refuse a magnitude of friction that is no UFL expression of the rate, or negative."""
     call = "SmoothFriction: force"
     for rate in _RATES:
@@ -488,7 +493,7 @@ def _check_magnitude(force: Callable[[Any], Any]) -> None:
             raise SceneError(f"{call}({rate:g}) = {value:g} must not be negative, and finite")
 
 
-def _check_law(law: Callable[[Any], Any]) -> None:
+def _check_law(law: Callable[[Expr], Expr]) -> None:
     """Refuse a law of a damper that is no scalar UFL expression of the rate, or that drives."""
     call = "Damper: law"
     force, rates = scalar_of(law, 1, f"{call}(rate)")
@@ -508,7 +513,7 @@ def _check_law(law: Callable[[Any], Any]) -> None:
             )
 
 
-def functions_of(coordinate: Coordinate) -> Iterator[tuple[str, Any]]:
+def functions_of(coordinate: Coordinate) -> Iterator[tuple[str, Expr]]:
     """Expressions of the user's functions on a coordinate, by kind."""
     if coordinate.spring is not None:
         yield from functions_of_energy(

@@ -16,6 +16,8 @@ from fx_beam.errors import LARGEST, Failure, SceneError, StepError, is_number, s
 
 # Parameter names, in lower case, that show a function of position instead of time.
 _PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
+#: A number, or several in an array; each may have slopes.
+Numbers = np.ndarray | float
 # Immutable types of values.
 _IMMUTABLE = float, tuple, int, np.float64
 # Fewer values are cheaper one by one; an array of so many is never taken for a vector. With slopes

@@ -7,14 +7,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from fx_beam.errors import IS_DATA, SceneError, as_float, fields_in, refuse_fields_in, require
-from fx_beam.symbolic import derivatives_taken, is_zero, parts_of, ufl
+from fx_beam.symbolic import Expr, derivatives_taken, is_zero, parts_of, ufl
 
 from .parameters import new_variables, parameters_in, refused, scalar_of, symbols_of
 
-Energy = Callable[..., Any]
+Energy = Callable[..., Expr]
 
 # Strains at which a stored energy is compared with its value at zero strain; curvatures are small
 # if the unit of length is small.
@@ -142,7 +141,7 @@ def is_quadratic(energy: Energy) -> bool:
     return is_zero(derivatives_taken(third))
 
 
-def switches(expression: Any) -> list[Any]:
+def switches(expression: Expr) -> list[Expr]:
     """Values that change their sign where pieces of an expression meet."""
     values = []
     for part in parts_of(ufl.as_ufl(expression)):
@@ -154,7 +153,7 @@ def switches(expression: Any) -> list[Any]:
     return values
 
 
-def slope(function: Callable[[Any], Any], x: Any) -> Any:
+def slope(function: Callable[[Expr], Expr], x: Expr) -> Expr:
     """Derivative of a function of a number or a vector."""
     x = ufl.variable(x)
     return ufl.diff(function(x), x)
@@ -168,7 +167,7 @@ def has_pieces(energy: Energy) -> bool:
 
 def check_energy(
     strain_energy: Energy | None,
-    internal: Any,
+    internal: InternalVariables | None,
     part: str = "Section",
     strains: tuple[str, ...] = ("eps", "gamma", "kappa"),
     name: str = "strain_energy",
@@ -185,7 +184,7 @@ def check_energy(
         return
     count, variables = len(strains), () if internal is None else internal.names
 
-    def energy(*arguments: Any) -> Any:
+    def energy(*arguments: Expr) -> Expr:
         a = [ufl.as_vector(arguments[count:])] if variables else []
         return strain_energy(*arguments[:count], *a)
 
@@ -203,7 +202,7 @@ def check_energy(
         check_dissipation(strain_energy, internal, count)
 
 
-def _check_convexity(W: Any, e: list[Any], subject: str, strains: tuple[str, ...]) -> None:
+def _check_convexity(W: Expr, e: list[Expr], subject: str, strains: tuple[str, ...]) -> None:
     """Refuse a stored energy that falls along a strain, from zero on and without an end."""
     from .symbols import SCALARS
 
@@ -232,7 +231,7 @@ def _check_convexity(W: Any, e: list[Any], subject: str, strains: tuple[str, ...
 
 def functions_of_energy(
     energy: Energy | None, internal: InternalVariables | None, strains: int
-) -> Iterator[tuple[str, Any]]:
+) -> Iterator[tuple[str, Expr]]:
     """Expressions of a stored energy and its internal variables, by kind."""
     if energy is None:
         return
@@ -246,7 +245,7 @@ def functions_of_energy(
 
 
 @functools.cache
-def _vector(size: int) -> Any:
+def _vector(size: int) -> Expr:
     from .symbols import Symbol
 
     return ufl.as_vector([Symbol() for _ in range(size)])
@@ -323,7 +322,7 @@ class InternalVariables:
     """
 
     names: tuple[str, ...]
-    update: Callable[[Any, Any, Any, Any], Sequence] = field(metadata=IS_DATA)
+    update: Callable[..., Sequence[Expr]] = field(metadata=IS_DATA)
     level: float = None  # type: ignore[assignment]  # it is set below
 
     def __post_init__(self):
@@ -396,11 +395,11 @@ class InternalVariables:
         return ufl.as_vector(updated)
 
 
-def evolved(variables: InternalVariables, old, e0, e1, dt, static: bool) -> tuple[Any, Any, Any]:
+def evolved(variables: InternalVariables, old, e0, e1, dt, static: bool) -> tuple[Expr, Expr, Expr]:
     """Internal variables at both ends of a step, and in statics shortly after its start."""
     level = 1.0 if static else variables.level
 
-    def after(share: float) -> Any:
+    def after(share: float) -> Expr:
         """Variables after a share of the step: the update to its level, extended linearly."""
         part = level * share
         strains = tuple((1 - part) * a + part * b for a, b in zip(e0, e1, strict=True))

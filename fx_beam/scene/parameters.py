@@ -6,13 +6,13 @@ import copy
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fx_beam.errors import SceneError, as_float, is_number, refuse_fields_in, shown
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from .functions import Signal
-from .inputs import Input, checked_value
+from .inputs import Input, TimeValue, checked_value
 
 if TYPE_CHECKING:
     from .symbols import Parameter
@@ -30,7 +30,7 @@ def refused(refusal: str) -> Iterator[None]:
         raise SceneError(f"{refusal}. It raised {raised!r}") from error
 
 
-def is_parameter(value: Any) -> bool:
+def is_parameter(value: object) -> bool:
     """Whether a value is a `Parameter`."""
     if not hasattr(value, "ufl_operands"):
         return False
@@ -39,9 +39,9 @@ def is_parameter(value: Any) -> bool:
     return isinstance(value, Parameter)
 
 
-def parameters_in(*expressions: Any) -> list[Parameter]:
+def parameters_in(*expressions: Expr) -> list[Parameter]:
     """All parameters in UFL expressions, also several of one name."""
-    left, parts = [ufl.as_ufl(expression) for expression in expressions], dict[int, Any]()
+    left, parts = [ufl.as_ufl(expression) for expression in expressions], dict[int, Expr]()
     while left:
         part = left.pop()
         if id(part) not in parts:
@@ -50,7 +50,7 @@ def parameters_in(*expressions: Any) -> list[Parameter]:
     return [part for part in parts.values() if is_parameter(part)]
 
 
-def scalar_of(function: Callable, count: int, call: str) -> tuple[Any, list[Any]]:
+def scalar_of(function: Callable, count: int, call: str) -> tuple[Expr, list[Expr]]:
     """The expression that a user's function gives, and the `count` variables in it.
 
     SceneError if it is no scalar UFL expression, or has other symbols than parameters.
@@ -67,19 +67,19 @@ def scalar_of(function: Callable, count: int, call: str) -> tuple[Any, list[Any]
     return expression, variables
 
 
-def new_variables(count: int) -> list[Any]:
+def new_variables(count: int) -> list[Expr]:
     """Variables of symbols, which refuse to be numbers."""
     from .symbols import Symbol
 
     return [ufl.variable(Symbol()) for _ in range(count)]
 
 
-def symbols_of(variables: Iterable[Any]) -> list[Any]:
+def symbols_of(variables: Iterable[Expr]) -> list[Expr]:
     """The symbols of variables."""
     return [variable.ufl_operands[0] for variable in variables]
 
 
-def value_of(function: Callable, values: Sequence[float], call: str) -> Any:
+def value_of(function: Callable, values: Sequence[float], call: str) -> float | complex:
     """Value of a user's function for numbers; nan where it is not defined."""
     expression, variables = scalar_of(function, len(values), call)
     try:
@@ -88,7 +88,7 @@ def value_of(function: Callable, values: Sequence[float], call: str) -> Any:
         return math.nan
 
 
-def parameters_of(functions: Iterable[tuple[str, Any]]) -> list[Parameter]:
+def parameters_of(functions: Iterable[tuple[str, Expr]]) -> list[Parameter]:
     """Parameters in expressions of a user, each with its kind."""
     return parameters_in(*(expression for _, expression in functions))
 
@@ -98,7 +98,7 @@ def names_of(parameters: Iterable[Parameter]) -> list[str]:
     return sorted({parameter.name for parameter in parameters})
 
 
-def replaced(expression: Any, values: Mapping[str, Any]) -> Any:
+def replaced(expression: Expr, values: Mapping[str, Expr | float]) -> Expr:
     """The expression with values in the place of parameters, by their names."""
     parameters = parameters_in(expression)
     if not parameters:
@@ -116,13 +116,13 @@ class Parameters(Mapping):
     def __init__(self) -> None:
         #: Values as functions of time (1,).
         self.functions: dict[str, Signal] = {}
-        self._given: dict[str, Any] = {}
+        self._given: dict[str, TimeValue] = {}
         # First values: parameters with one name must begin with one value.
-        self._first: dict[str, Any] = {}
+        self._first: dict[str, TimeValue] = {}
         #: How often a value was changed.
         self.changes = 0
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> TimeValue:
         return self._given[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -137,7 +137,7 @@ class Parameters(Mapping):
     def __str__(self) -> str:
         return ", ".join(f"{name} = {_shown(value)}" for name, value in self.items())
 
-    def __setitem__(self, name: str, value: Any) -> None:
+    def __setitem__(self, name: str, value: TimeValue) -> None:
         if name not in self:
             raise SceneError(
                 f"the scene has no parameter {shown(name)}; it has {list(self)}. What is added to "
@@ -147,7 +147,7 @@ class Parameters(Mapping):
         self._given[name] = value
         self.changes += 1
 
-    def add(self, functions: Iterable[tuple[str, Any]], owner: str) -> None:
+    def add(self, functions: Iterable[tuple[str, Expr]], owner: str) -> None:
         """Add the parameters of a part's functions; SceneError for a name with two values."""
         if not (functions := [*functions]):
             return
@@ -179,13 +179,13 @@ class Parameters(Mapping):
         return new
 
 
-def _same(a: Any, b: Any) -> bool:
+def _same(a: TimeValue, b: TimeValue) -> bool:
     if is_number(a) and is_number(b):
         return as_float(a) == as_float(b)
     return a is b or (isinstance(a, Input) and a == b)
 
 
-def _shown(value: Any) -> str:
+def _shown(value: TimeValue) -> str:
     if isinstance(value, Input):
         return str(value)
-    return "a function of time" if callable(value) else f"{float(value):g}"
+    return "a function of time" if callable(value) else f"{as_float(value):g}"

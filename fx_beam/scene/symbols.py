@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from fx_beam.errors import SceneError, is_name, require, shown
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
-from .inputs import checked_value
+from .inputs import TimeValue, checked_value
 
 
 class _Nowhere(ufl.domain.AbstractDomain):
@@ -17,11 +17,11 @@ class _Nowhere(ufl.domain.AbstractDomain):
         super().__init__(1, 2)
 
     @property
-    def meshes(self) -> tuple[Any]:
+    def meshes(self) -> tuple[_Nowhere]:
         """The domain itself."""
         return (self,)
 
-    def ufl_cell(self) -> Any:
+    def ufl_cell(self) -> object:
         """An interval."""
         return ufl.interval
 
@@ -71,7 +71,7 @@ class StepSymbols:
         self.__dict__ |= {name: Symbol() for name in _SCALARS}
         self.__dict__ |= {name: (Symbol(), Symbol(), Symbol()) for name in _STRAINS}
 
-    def prime(self, field: Any) -> Any:
+    def prime(self, field: Expr) -> Expr:
         """Derivative along the reference arc length."""
         return ufl.dot(ufl.grad(field), self.__dict__["t0"])
 
@@ -143,7 +143,7 @@ class Parameter(ufl.Constant):
     ['stiffness', 'activation']
     """
 
-    def __init__(self, name: str, value: float | Any):
+    def __init__(self, name: str, value: TimeValue):
         require(is_name(name), "Parameter: name", name, "a text that is not empty")
         #: What was given as the value.
         self.given = value
@@ -154,7 +154,7 @@ class Parameter(ufl.Constant):
         _NUMBERS[name] = self.count()
         self._repr = f"Parameter({name!r}, {shown(value)})"
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(self, name: str, value: object) -> None:
         """Refuse what constants of dolfinx have: a value is that in a scene."""
         if name == "value":
             assignment = f"scene.parameters[{self.name!r}] = {shown(value)}"
