@@ -12,14 +12,13 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 Point = TypeVar("Point")
-Length = TypeVar("Length", int, float)
 
 
 def follow(
     point: Point,
-    length: Length,
-    advance: Callable[[Point, Length], tuple[Point, Length]],
-    shorter: Callable[[Point, Length, Exception], Length],
+    length: float,
+    advance: Callable[[Point, float], tuple[Point, float]],
+    shorter: Callable[[Point, float, Exception], float],
     failures: tuple[type[Exception], ...],
 ) -> Iterator[Point]:
     """Points of a curve behind the first one.

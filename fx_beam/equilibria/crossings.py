@@ -5,7 +5,6 @@ A step in which their number changes at no point that is found has left its path
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -129,7 +128,6 @@ class Crossings:
         """
         motions = self.motions
 
-        @functools.cache
         def eigenvalue(distance: float) -> float:
             K = piece.stiffness(distance)
             if motions.symmetric(K):

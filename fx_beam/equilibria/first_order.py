@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from .load_steps import LoadStepper
 from .small_loads import SmallLoads
 
 
-class _Histories(dict[str, Any]):
+class _Histories(dict[str, object]):
     """Histories by name, of which no motion goes on."""
 
     def at_end(self, t: float) -> dict[str, np.ndarray]:
@@ -38,7 +37,7 @@ def first_order(
     histories = _Histories(histories_of(recorder))
     for name, rows in histories.items():
         if isinstance(rows, np.ndarray) and len(rows) == len(close.t):
-            histories[name] = np.stack([rows[0], rows[0] + about.slope(rows)])
+            histories[name] = about.at_ends(rows)
         elif isinstance(rows, Energy):
             parts = (
                 [part[0], part[0] + about.slope(part) + about.curvature(part)]
@@ -51,17 +50,12 @@ def first_order(
 
     def resultants_of_beam(name: str) -> BeamResultants:
         beam = close.resultants_of_beam(name)
-        N, Q, M = (
-            np.stack([rows[0], rows[0] + about.slope(rows)]) for rows in (beam.N, beam.Q, beam.M)
-        )
+        N, Q, M = map(about.at_ends, (beam.N, beam.Q, beam.M))
         return BeamResultants(beam.s, N, Q, M, lambda: balance_of(beam))
 
     def balance_of(beam: BeamResultants) -> Balance:
         balance = beam.balanced()
-        ends, jumps = (
-            np.stack([rows[0], rows[0] + about.slope(rows)])
-            for rows in (balance.ends, balance.jumps)
-        )
+        ends, jumps = map(about.at_ends, (balance.ends, balance.jumps))
         return Balance(balance.s, ends, balance.places, jumps)
 
     solution.resultants_of_beam = resultants_of_beam

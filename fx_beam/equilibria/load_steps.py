@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -130,23 +129,20 @@ class LoadStepper:
             return  # its deviation is a rounding error
         if self.may_be_cut:
             check_circles(self.model, old, new)
-
-        @functools.cache
-        def goes_round_corner() -> bool:
-            return not self.may_be_cut and has_corner(path, old, new, step)
-
-        if self.deviation > _MAX_DEVIATION and not goes_round_corner():
+        work, gained, rounding = self.energies.work_and_gain(old, new, D)
+        # Where a contact closes, the step is shorter than its predictor.
+        snapped = softer and work > gained and path.size(D) > path.size(step.predicted)
+        is_far, may_turn = self.deviation > _MAX_DEVIATION, not self.may_be_cut
+        turns = (is_far or snapped) and may_turn and has_corner(path, old, new, step)
+        if is_far and not turns:
             reason = (
                 f"the step deviates from its predictor by {self.deviation:.2g} times the "
                 "predictor's length, and so has reached another path"
             )
             raise StepFailed("off the path", reason, D)
         first, last = (F @ D + H @ step.y for F, H in zip(loads, self._hold, strict=True))
-        work, gained, rounding = self.energies.work_and_gain(old, new, D)
         other = work - (first + last) / 2
-        # Where a contact closes, the step is shorter than its predictor.
-        snapped = softer and work > gained and path.size(D) > path.size(step.predicted)
-        short = self.may_be_cut or (snapped and not goes_round_corner())
+        short = self.may_be_cut or (snapped and not turns)
         allowed = (_SHORT if short else _ON_PATH) * abs(last - first) / 2
         allowed += (_SHORT_OTHER if short else _ON_PATH_OTHER) * abs(other)
         if abs(gained - work) > allowed + rounding:

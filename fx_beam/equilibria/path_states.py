@@ -21,7 +21,7 @@ from .arc_length import ArcLength
 from .branches import Branch, first_step, is_equilibrium
 from .load_steps import LoadStepper
 from .path_following import PathFollowing
-from .rising_loads import RisingLoads
+from .rising_loads import raise_load
 from .settling import Settling
 
 # A scene that cannot follow even this part of its loads, one in so many, may settle instead.
@@ -62,7 +62,7 @@ class PathStates:
         while True:
             try:
                 if self._options.continuation is None:
-                    RisingLoads(self._stepper, states).run()
+                    raise_load(self._stepper, states)
                 else:
                     PathFollowing(self._arc, states).run()
                 return

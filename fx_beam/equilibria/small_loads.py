@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, Rest
 from fx_beam.motions.evaluation import solution_of
-from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.step.recorder import Record, Recorder
 
@@ -43,7 +41,14 @@ class SmallLoads:
         powers = np.vander(np.append(0.0, self.loads / largest), increasing=True)
         self._first, self._second = np.linalg.inv(powers)[1:3]
         self._largest = largest
-        self._find_states()
+        #: States at load factor 0 and at `loads`; forces (n + 1, size) of supports and joints.
+        self.states, self.forces = self._found_states()
+        #: A record of all states, and a solution with them as its rows.
+        self.recorder = Recorder(stepper.model, np.arange(len(self.states), dtype=float), Record())
+        for near in self.states:
+            stepper.loop.record(near, self.recorder)
+        rest = Rest(stepper.loop.forcing.time, state.t + np.append(0.0, self.loads))
+        self.solution = solution_of(self.recorder, stepper.stats, lambda: state, rest=rest)
 
     def _without_switch(self, largest: float) -> float:
         """A load factor up to which, in both directions, no stop or other law switches."""
@@ -80,7 +85,7 @@ class SmallLoads:
         strains = np.hypot(*(D[last, :2] - D[first, :2]).T) / length
         return float(max(abs(D[:, 2]).max(initial=0.0), strains.max(initial=0.0)))
 
-    def _find_states(self) -> None:
+    def _found_states(self) -> tuple[list[State], np.ndarray]:
         path, start = self._stepper.path, self.state
         states, forces = [], []
         for load in (0.0, *self.loads.tolist()):
@@ -89,27 +94,15 @@ class SmallLoads:
             forces.append(path.balance(y, load)[0].r.copy())
             interval = Interval(start.t, start.t + load)
             states.append(self._stepper.loop.finished(start, interval, y, forces[-1]))
-        #: States at load factor 0 and at `loads`; forces (n + 1, size) of supports and joints.
-        self.states, self.forces = [start, *states[1:]], np.array(forces)
-
-    @cached_property
-    def recorder(self) -> Recorder:
-        """A record of all states."""
-        recorder = Recorder(self._stepper.model, np.arange(len(self.states), dtype=float), Record())
-        for state in self.states:
-            self._stepper.loop.record(state, recorder)
-        return recorder
-
-    @cached_property
-    def solution(self) -> Solution:
-        """All states as the rows of a solution."""
-        factors = self.state.t + np.append(0.0, self.loads)
-        rest = Rest(self._stepper.loop.forcing.time, factors)
-        return solution_of(self.recorder, self._stepper.stats, lambda: self.state, rest=rest)
+        return [start, *states[1:]], np.array(forces)
 
     def slope(self, rows: np.ndarray) -> np.ndarray:
         """Derivative by the load factor of values (n + 1, ...) in all states."""
         return np.tensordot(self._first, rows, axes=1) / self._largest
+
+    def at_ends(self, rows: np.ndarray) -> np.ndarray:
+        """Values (2, ...) without and with all loads, from values (n + 1, ...) in all states."""
+        return np.stack([rows[0], rows[0] + self.slope(rows)])
 
     def curvature(self, rows: np.ndarray) -> np.ndarray:
         """Half of the second derivative likewise."""
