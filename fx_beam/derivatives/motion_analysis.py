@@ -32,7 +32,7 @@ from fx_beam.step.tape_derivatives import TapeDerivatives
 from .analysis import Analysis
 from .observation import rates_at
 from .output_kinds import needs_of
-from .output_values import recorded, row_values
+from .output_values import Wanted, are_alike, recorded, row_values
 from .parametrised import Parametrised
 from .row_output import Needs
 from .static_derivatives import StaticDerivatives, why_not
@@ -58,7 +58,8 @@ class MotionAnalysis(Analysis):
         # Several processes have no derivatives.
         self._series = MotionSeries(memory)
         self._tape_derivatives: TapeDerivatives | None = None
-        # Outputs of the last run that are no functions.
+        # Outputs that were measured last, and those of them that are no functions.
+        self._known: dict[str, Wanted] = {}
         self._measured: list[Measured] = []
         # The last run whose rows only this object has.
         self._last_run: Run | None = None
@@ -81,15 +82,21 @@ class MotionAnalysis(Analysis):
 
     def _begun(self, x: Any) -> Run:
         """A run of the scene of x that is to take its steps."""
-        scene, last, record = self.parameters.take(x), self._options.record, self._record
+        scene = self.parameters.take(x)
+        if not are_alike(self.outputs, self._known):
+            self._set_outputs()
+        start, old, self._last_run = self._start_of(scene), self._last_run, None
+        return self._series.begun(scene, self._options, start, old)
+
+    def _set_outputs(self) -> None:
+        """Measure the outputs of the scene, and record what they need."""
+        record, last, self._known = self._record, self._options.record, self.outputs
         self._measured = measured = self.measured
         if len(measured) == len(self.outputs):  # functions may read all
             record = recorded(record, last, measured)
         if record is not last:
             self._options = replace(self._options, record=record)
         self._series.tapes = bool(measured)
-        start, old, self._last_run = self._start_of(scene), self._last_run, None
-        return self._series.begun(scene, self._options, start, old)
 
     def _rows_of(self, run: Run) -> dict[str, np.ndarray]:
         """The outputs from the rows of a run; empty if these are not all, or places need a look."""
@@ -99,7 +106,7 @@ class MotionAnalysis(Analysis):
         if looks or options.tolerance is not None or options.record.times is not None:
             return {}
         y = {}
-        for name, measured in zip(self.outputs, self._measured, strict=True):
+        for name, measured in zip(self._known, self._measured, strict=True):
             if (rows := row_values(model, run.recorder, measured)) is None:
                 return {}
             y[name] = rows

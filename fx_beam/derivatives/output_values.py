@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from fx_beam.errors import require
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Measured, Output
+from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.recorder import Record, Recorder
 
@@ -20,6 +21,30 @@ from .output_kinds import kind_of
 
 #: An output: a quantity of a node, joint, beam or scene, or a function of the solution.
 Wanted = Output | Callable[[Solution], Any]
+
+
+def is_at_node(output: Wanted, scene: Scene) -> bool:
+    """Whether it is an output of a node that a scene has."""
+    if not isinstance(output, Output) or not isinstance(node := output.of, Node):
+        return False
+    return node.scene is scene and node.number not in scene.gone
+
+
+def are_alike(outputs: Mapping[str, Wanted], known: Mapping[str, Wanted]) -> bool:
+    """Whether outputs are those known, at nodes of the same numbers."""
+    if outputs.keys() != known.keys():
+        return False
+    for name, output in outputs.items():
+        other = known[name]
+        if not (isinstance(output, Output) and isinstance(other, Output)):
+            return False
+        if not (isinstance(node := output.of, Node) and isinstance(known_node := other.of, Node)):
+            return False
+        if (output.quantity, output.component) != (other.quantity, other.component):
+            return False
+        if node.number != known_node.number:
+            return False
+    return True
 
 
 def recorded(requested: Record, last: Record, measured: list[Measured]) -> Record:
@@ -47,10 +72,14 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
 
 def row_values(model: Model, recorder: Recorder, measured: Measured) -> np.ndarray | None:
     """Values (n, ...) of an output of a node that rows have as it is, else None; a copy of them."""
-    array, X = measured.quantity.of, model.mesh.X.reshape(-1)
-    is_of_node = isinstance(measured.place, Node) and array in ("q", "v")
+    quantity, place = measured.quantity, measured.place
+    array, component = quantity.of, measured.component
+    is_of_node = isinstance(place, Node) and array in ("q", "v")
     fitted = bool(recorder.turns) or (array == "v" and model.fits_rates)
-    if not is_of_node or fitted or array not in recorder.arrays.keys() - recorder.serving:
+    if not is_of_node or fitted or array in recorder.serving or array not in recorder.arrays:
         return None
-    rows = recorder.arrays[array][: recorder.rows]
-    return measured.values(lambda name, entries: X[entries] if name == "X" else rows[:, entries])
+    column = quantity.column + (0 if isinstance(component, slice) else component)
+    end, first = column + (measured.shape or (1,))[0], 3 * place.number
+    reference = model.mesh.X[place.number, column:end] if quantity.is_place else 0.0
+    values = 0.0 + reference + recorder.arrays[array][: recorder.rows, first + column : first + end]
+    return values if measured.shape else values[:, 0]

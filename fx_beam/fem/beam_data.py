@@ -121,12 +121,12 @@ def data_of_beams(scene: Scene, mesh: Mesh, at_rest: bool) -> dict[str, MaybeDua
     if not scene.beams:
         return data
     degree, sections = scene.beams[0].degree, distinct(beam.section for beam in scene.beams)
-    if any(section.strain_energy is None for section in sections):
+    if any([section.strain_energy is None for section in sections]):
         data["stiffness"] = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
     if at_rest:
         return data
     alpha, tau = damping_of(scene)
-    if tau > 0 or any(section.damped for section in sections):
+    if tau > 0 or any([section.retardation != 0.0 and section.damped for section in sections]):
         data["retardation"] = section_data(mesh, scene, ("retardation",), degree) + tau
     if scene.drags:
         data |= drag_data(mesh, scene)
@@ -250,11 +250,11 @@ class BeamData:
 
 def check_shapes(kind: Kind, numbers: Mapping[str, MaybeDual]) -> None:
     """OtherStructureError if data of sections and of drag are of another kind."""
-    shapes = shapes_of(numbers)
+    if kind.data == (shapes := shapes_of(numbers)):
+        return
     if [name for name, _ in kind.data] != [name for name, _ in shapes]:
         raise OtherStructureError("beams have other kinds of data")
-    if kind.data != shapes:
-        raise OtherStructureError("data of beams that were constant vary, or conversely")
+    raise OtherStructureError("data of beams that were constant vary, or conversely")
 
 
 def shapes_of(numbers: Mapping[str, MaybeDual]) -> tuple:

@@ -104,7 +104,7 @@ class Mass:
         #: Names of what is assembled.
         self.assembled: list[str] = []
         # Masses, gravity and positions without slopes, and the numbers that follow from them.
-        self._given: tuple[list, list | None, np.ndarray] | None = None
+        self._given: tuple[tuple[list, list | None], np.ndarray] | None = None
         self._numbers: dict[str, MaybeDual] = {}
 
     def numbers_of(self, scene: Scene, X: MaybeDual) -> dict[str, MaybeDual]:
@@ -113,14 +113,15 @@ class Mass:
         The same arrays as in the last call if nothing differs.
         """
         sections = distinct(beam.section for beam in scene.beams)
-        pairs = [*((section.rhoA, section.rhoI) for section in sections), *scene.masses]
-        gravity = None if scene.gravity is None else scene.gravity.tolist()
+        pairs = [*[(section.rhoA, section.rhoI) for section in sections], *scene.masses]
+        gravity, last = scene.gravity, self._given
         plain = {type(number) for pair in pairs for number in pair} <= {float, int}
-        if not plain or type(X) is not np.ndarray or dual_of(scene.gravity) is not None:
+        is_dual = gravity is not None and dual_of(gravity) is not None
+        if is_dual or not plain or type(X) is not np.ndarray:
             return self._numbers_of(scene, X)
-        inputs, last = (pairs, gravity, X), self._given
-        if not (last and last[:2] == inputs[:2] and all_of(last[2] == X)):
-            self._given, self._numbers = inputs, self._numbers_of(scene, X)
+        inputs = pairs, None if gravity is None else gravity.tolist()
+        if not (last and last[0] == inputs and (last[1] is X or all_of(last[1] == X))):
+            self._given, self._numbers = (inputs, X), self._numbers_of(scene, X)
         return self._numbers
 
     def _numbers_of(self, scene: Scene, X: MaybeDual) -> dict[str, MaybeDual]:

@@ -49,6 +49,9 @@ class Mesh:
         dofs = self.dofs[nodes]
         #: Space of displacements, then rotations, at the nodes of cells.
         self.unknowns = Space(np.hstack([_rows(dofs[..., :2]), dofs[..., 2]]), self.dofs.size)
+        # Positions x and y that were read last, and the array of them, of elements without nodes
+        # inside.
+        self._columns: tuple[tuple[list[float], list[float]], np.ndarray] = ([], []), self.X
         self._set_positions(self.X)
 
     def _set_positions(self, X: np.ndarray) -> None:
@@ -101,7 +104,11 @@ class Mesh:
         """X (n, 2) [m] of a scene with these nodes; of straight elements with slopes."""
         columns = [node.x for node in scene.nodes], [node.y for node in scene.nodes]
         if self.curved or DualFloat not in {*map(type, columns[0]), *map(type, columns[1])}:
-            return _positions(scene, *columns)
+            if self.elements.shape[1] > 2:
+                return _positions(scene, *columns)
+            if columns != self._columns[0]:
+                self._columns = columns, _positions(scene, *columns)
+            return self._columns[1]
         points = [dual_array([*zip(*columns, strict=True)])]
         points += [inner_positions(beam) for beam in scene.beams if beam.degree > 1]
         return np.concatenate(points)

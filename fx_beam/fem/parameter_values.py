@@ -17,14 +17,14 @@ class ParameterFunctions:
     """The parameters of a scene as functions of time, in its order."""
 
     def __init__(self, scene: Scene):
-        self.names = list(scene.parameters)
-        self.functions: list[Signal] = list(scene.parameters.functions.values())
+        functions = scene.parameters.functions
+        self.names, self.functions = [*functions], [*functions.values()]
         self._arrays = scene.array_calls
 
     def check(self, other: ParameterFunctions) -> None:
         """OtherStructureError if others vary that do not here, or conversely."""
         pairs = zip(self.functions, other.functions, strict=True)
-        if any(a.is_constant != b.is_constant for a, b in pairs):
+        if any([a.is_constant != b.is_constant for a, b in pairs]):
             raise OtherStructureError("parameters that were constant vary in time, or conversely")
 
     def at(self, t: float) -> np.ndarray:

@@ -101,7 +101,8 @@ class Data(NamedTuple):
     def lies_as(self, other: Data) -> bool:
         """Whether nodes and joints are where other data have them, or nothing depends on it."""
         # Joints first: they also say whether others have offsets.
-        return self.arms.are_at(other.arms) and all_of(floats(self.X) == floats(other.X))
+        are_at = self.arms.are_at(other.arms)
+        return are_at and (self.X is other.X or all_of(floats(self.X) == floats(other.X)))
 
     @property
     def before_motors(self) -> MaybeDual:
@@ -117,23 +118,24 @@ def form_data(
 
     By the `mobility`, 1 / mass of degrees of freedom, then slides, friction has critical damping.
     """
-    if mobility is None:
-        mobility = np.zeros(mesh.dofs.size + scene.joint_count)
     forces, pairs = at_points(scene, mesh, X, mobility, rates.at_rest)
     data, followers = data_of_beams(scene, mesh, rates.at_rest), Followers(scene, rates.level)
     return FormData(ParameterFunctions(scene), data, forces, followers, pairs)
 
 
 def at_points(
-    scene: Scene, mesh: Mesh, X: MaybeDual, mobility: np.ndarray, at_rest: bool
+    scene: Scene, mesh: Mesh, X: MaybeDual, mobility: np.ndarray | None, at_rest: bool
 ) -> tuple[list[PointForce], list[MemberPair]]:
     """Forces at points, and contact with members."""
     forces, pairs = list[PointForce](), list[Any]()
     parts = scene.joints, scene.forces_between, scene.loads, scene.contacts, scene.drags
-    if any(parts) or scene.dampings:
-        from .scene_forces import SceneForces
+    if not (any(parts) or scene.dampings):
+        return forces, pairs
+    from .scene_forces import SceneForces
 
-        forces = SceneForces(scene, mesh, X, mobility, at_rest).all()
+    if mobility is None:
+        mobility = np.zeros(mesh.dofs.size + scene.joint_count)
+    forces = SceneForces(scene, mesh, X, mobility, at_rest).all()
     if any(isinstance(obstacle.shape, Beam) for obstacle in scene.contacts):
         from .member_contacts import member_pairs
 

@@ -313,7 +313,7 @@ def end_of(start: Solution) -> State:
 def reference_state(model: Model, scene: Scene | None = None) -> State:
     """The reference configuration at t = 0, without natural strains; that of another scene."""
     slides = slides_at_start(scene or model.scene)
-    q, v, a = (np.zeros(model.size) for _ in range(3))
+    q, v, a = np.zeros((3, model.size))
     state = State(0.0, np.zeros(len(model.data.motors)), q, v, a, slides)
     if len(model.forms.parameters):
         state.parameters = model.forms.parameters.at(0.0)
@@ -413,10 +413,13 @@ def projected_rates(model: Model, state: State, v: np.ndarray, driven: np.ndarra
 
 def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarray) -> np.ndarray:
     """Rates (columns,) of rates v (size,) that fit the joints, with those of driven motion."""
-    v, slides = v.copy(), np.zeros(len(state.slides))
-    v[model.prescribed] = driven[: len(model.prescribed)]
-    joints = [j for j in model.scene.joints if j.axis is not None or j.slide is not None]
-    for joint in joints:
+    slides = np.zeros(len(state.slides))
+    if len(driven):
+        v = v.copy()
+        v[model.prescribed] = driven[: len(model.prescribed)]
+    for joint in model.scene.joints:
+        if joint.axis is None and joint.slide is None:
+            continue
         number, motion = [joint.number], model.mesh.motion(model.scene, q=state.q[None], v=v[None])
         slides[number] = joint.kinematics.rate(motion, state.slides[number])
     w = _driven_rates(model, driven)
@@ -443,8 +446,8 @@ def given_velocity(model: Model) -> Any:
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
         earlier, twice, x = values[nodes], known[nodes], X[nodes]
-        functions = item.value, item.spin
-        rates: Any = np.concatenate([f.each(x, scene.array_calls) for f in functions], axis=1)
+        arrays = scene.array_calls
+        rates: Any = np.concatenate([item.value.each(x, arrays), item.spin.each(x, arrays)], axis=1)
         known[nodes], plain_rates = True, floats(rates)
         values[nodes] = plain_rates
         if isinstance(rates, Dual):

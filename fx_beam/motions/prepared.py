@@ -18,7 +18,7 @@ from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
-from fx_beam.step.model import Model
+from fx_beam.step.model import Model, once
 from fx_beam.step.recorder import Recorder, Rows
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import Halving
@@ -35,28 +35,25 @@ class Prepared:
     """The model of a scene and what takes its steps; both serve other scenes of its structure."""
 
     def __init__(self, scene: Scene, options: Options):
-        self.model = Model(scene, options.scheme)
+        self.model = model = Model(scene, options.scheme)
+        #: Number of degrees of freedom.
+        self.size = model.size
+        self.turn_counter = TurnCounter(model)
+        self._begin_stats()
+        #: The compiled loop, and what takes its steps.
+        self.loop = CompiledLoop(self.forcing, options.newton, self.stats)
+        self._begin_steps(options)
+
+    def _begin_stats(self) -> None:
+        damping = self.model.data.forms.friction_damping
+        self.stats = stats_of(self.model, solver="", friction_damping=damping)
+        self.forcing = Forcing(self.model)
+
+    def _begin_steps(self, options: Options) -> None:
         #: What was asked for when the scene was prepared.
         self.options = options
-        self.turn_counter = TurnCounter(self.model)
-        self._begin(None)
-
-    def _begin(self, loop: CompiledLoop | None) -> None:
-        """Begin a run: a loop that there is already serves it as well."""
-        model, options = self.model, self.options
-        self.stats = stats_of(model, solver="", friction_damping=model.data.forms.friction_damping)
-        self.forcing = Forcing(model)
-        if loop is None:
-            loop = CompiledLoop(self.forcing, options.newton, self.stats)
-        else:
-            loop.bind(self.forcing, self.stats)
         dt = options.dt if options.tolerance is None else None
-        self.stepper = Stepper(loop, Halving(options.max_halvings, dt))
-
-    @property
-    def size(self) -> int:
-        """Number of degrees of freedom."""
-        return self.model.size
+        self.stepper = Stepper(self.loop, Halving(options.max_halvings, dt))
 
     def bind(self, scene: Scene, options: Options | None = None) -> None:
         """Set all numbers to those of another scene, as if it were prepared anew.
@@ -71,14 +68,10 @@ class Prepared:
             if (options.scheme, options.newton) != (last.scheme, last.newton):
                 raise OtherStructureError("another scheme, or other options")
         bind(self.model, scene)
-        self.options = options or self.options
         self.turn_counter.removed[:] = 0.0
-        self._begin(self.loop)
-
-    @property
-    def loop(self) -> CompiledLoop:
-        """The compiled loop."""
-        return self.stepper.loop
+        self._begin_stats()
+        self.loop.bind(self.forcing, self.stats)
+        self._begin_steps(options or self.options)
 
     def count_turns(self, state: State, recorder: Rows) -> State | None:
         """The state without its full turns, which rows miss from here on; None if it has none.
@@ -122,7 +115,7 @@ class Prepared:
     ) -> State:
         """First state for a recorder, which may find its accelerations when they are read."""
         model, rates = self.model, self.options.record.rates
-        later = start is None and finds_accelerations_later(model)
+        later = start is None and once(model, finds_accelerations_later)
         state = self.first_state(dt, start, accelerations or (rates and not later))
         if rates and later and not accelerations:
             starts = Starts(model, self.forcing, dt)
@@ -230,7 +223,7 @@ def stats_of(model: Model, **members: Any) -> Stats:
     return Stats(
         scheme=model.scheme.name,
         level=model.scheme.rates.level,
-        unknowns=len(model.reduction.independent),
+        unknowns=model.couplings.free - len(model.couplings.closures),
         compiled=[] if model.forms.beams is None else [*model.forms.beams.bound],
         assembled=model.masses.assembled,
         **members,

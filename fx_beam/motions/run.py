@@ -20,7 +20,7 @@ from fx_beam.scene.inputs import values_at
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import Watch
 from fx_beam.step import full_turns
-from fx_beam.step.interrupts import ctrl_c_waits
+from fx_beam.step.interrupts import NOTHING, ctrl_c_waits
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.substeps import LARGE_TURN
@@ -153,10 +153,9 @@ class Run:
             advance, span = self._advance(), options.t_end - recorder.end.t
             # Another handler takes 20 us.
             blocks = control is not None or options.until or len(self.times) > self._most_steps()
-            waits, loop = ctrl_c_waits() if blocks else nullcontext(nullcontext()), prepared.loop
+            waits, loop = ctrl_c_waits() if blocks else nullcontext(NOTHING), prepared.loop
             with progress_bar(span, options.progress, **_BAR) as bar, waits as loop.whole:
-                while recorder.end.t < options.t_end and not stats.until:
-                    t = recorder.end.t
+                while (t := recorder.end.t) < options.t_end and not stats.until:
                     self._count_turns()
                     advance(recorder.end)
                     if self._files is not None:

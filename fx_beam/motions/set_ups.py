@@ -31,15 +31,15 @@ class SetUps:
 
     def lease(self, kind: Hashable, bind: Callable[[Any], None], make: Callable[[], Any]) -> Lease:
         """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
+        for entry in self._waiting[::-1]:
+            if entry[0] == kind and self._take(entry):
+                try:
+                    bind(entry[1])
+                    return Lease(self, *entry)
+                except OtherStructureError as other:
+                    return Lease(self, kind, make(), str(other))
         is_used = any(used == kind for used, _ in [*self.leased.values()])
         reason = "the last solution is still in use" if is_used else "the first scene"
-        entry = next((entry for entry in self._waiting[::-1] if entry[0] == kind), None)
-        if entry is not None and self._take(entry):
-            try:
-                bind(entry[1])
-                return Lease(self, *entry)
-            except OtherStructureError as other:
-                reason = str(other)
         return Lease(self, kind, make(), reason)
 
     def _take(self, entry: tuple[Hashable, Any]) -> bool:
@@ -55,7 +55,9 @@ class SetUps:
         entry, waiting = self.leased.pop(id(set_up)), self._waiting
         if set_up.size <= self.size:
             waiting.append(entry)
-        while len(waiting) > self._most or sum(other.size for _, other in waiting) > self.size:
+        while len(waiting) > self._most:
+            del waiting[:1]
+        while len(waiting) > 1 and sum(other.size for _, other in waiting) > self.size:
             del waiting[:1]
 
 

@@ -151,10 +151,12 @@ class Signal:
                 value = function(*row)
                 collected.append(value if type(value) in _IMMUTABLE else _copied(value))
             # They are checked at once: one by one, the checks cost more than most functions.
-            with suppress(TypeError, ValueError, OverflowError):
+            try:
                 values = dual_array(collected).reshape(len(collected), self.size)
                 if not run or np.isfinite(values).all():
                     return values
+            except (TypeError, ValueError, OverflowError):
+                pass  # the row whose value is wrong is found below
         except BaseException as error:
             done = len(collected)
             row = arguments[min(done, len(arguments) - 1)]
@@ -165,7 +167,6 @@ class Signal:
             # Steps before this time can be taken.
             error.time = math.inf if done == len(arguments) else row[0]  # type: ignore[attr-defined]
             raise
-        # The row whose value is wrong is found.
         return dual_array([evaluate(self, row[0], run) if run else self(*row) for row in arguments])
 
     def _failure(self, arguments: Any, error: Exception) -> SceneError:

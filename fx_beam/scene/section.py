@@ -210,10 +210,11 @@ class Section:
         """
         values: list[Any] = []
         for name in names:
-            data = self._data(name)
-            if any(map(callable, data)):
+            datum = self._times if name == "retardation" else getattr(self, name)
+            is_triple = type(datum) is tuple
+            if any(map(callable, datum)) if is_triple else callable(datum):
                 return None
-            values.append([as_float(x or 0.0) for x in data] if len(data) > 1 else data[0] or 0.0)
+            values.append([as_float(x or 0.0) for x in datum] if is_triple else datum or 0.0)
         return values if len(names) > 1 else values[0]
 
     def _data(self, name: str) -> tuple[Datum | None, ...]:

@@ -11,6 +11,9 @@ from typing import Any, TypeVar
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 
+#: A block in which Ctrl-C need not wait.
+NOTHING = nullcontext()
+
 
 @contextmanager
 def without_ctrl_c() -> Iterator[None]:
@@ -64,7 +67,7 @@ def ctrl_c_waits() -> Iterator[AbstractContextManager[None]]:
     """Let Ctrl-C wait until the end of `Whole` blocks, of which this has one."""
     handler = signal.getsignal(signal.SIGINT)
     if not callable(handler) or threading.current_thread() is not threading.main_thread():
-        yield nullcontext()  # no interrupt comes here
+        yield NOTHING  # no interrupt comes here
         return
     whole = Whole(handler)
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 
 from .forcing import Forcing
+from .interrupts import NOTHING
 from .inverted_sections import InversionCheck
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, RecordsInC, Rows
@@ -53,7 +54,7 @@ class CompiledLoop:
         self.problem.bind()
         self.forcing, self.stats = forcing, stats
         #: A block for what C does and what Python counts of it, which Ctrl-C does not divide.
-        self.whole: AbstractContextManager[None] = nullcontext()
+        self.whole: AbstractContextManager[None] = NOTHING
         #: Checks and counts states with inverted sections.
         self.inversion = InversionCheck(self.model, stats)
         self.problem.c.inverted.least_energy = self.inversion.least_energy
