@@ -38,8 +38,6 @@ class ReducedTangent(NamedTuple):
     stiffened: int
     #: Positions of entries of auxiliary unknowns that are 1.
     ones: np.ndarray
-    #: Entries of the full tangent that may be other than zero.
-    used: np.ndarray
 
 
 def reduced_tangent(
@@ -122,7 +120,6 @@ def reduced_tangent(
         restoring={"to": restoring_to, "of": sprung},
         stiffened=np.count_nonzero(~direct[:full_count]),
         ones=one_to,
-        used=used,
     )
 
 

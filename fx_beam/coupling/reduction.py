@@ -7,19 +7,20 @@ tangent is Tv^T K T + (dTv/dz)^T r.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.fem.compiled_points import CompiledPoints
 from fx_beam.laws.rates import UpdateRule
 
 from .graph import Auxiliaries, Couplings
 from .joint_maps import JointMaps
 from .joints_in_c import JointsInC
-from .reduced_tangent import reduced_tangent
+from .reduced_tangent import ReducedTangent, reduced_tangent
 
 if TYPE_CHECKING:
     from .loops import Loops
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 class Reduction:
     """Unknowns of a scene, and the reduction of vectors and matrices to them.
 
-    `matrix` has the sparsity of the full tangent; entries that are not `used` remain zero. In the
+    `matrix` has the sparsity of the full tangent; entries that are not `used()` remain zero. In the
     linear system an auxiliary unknown is two unknowns, its displacement u and the force on what it
     follows, and a closure of a loop is one, its force.
     """
@@ -45,7 +46,7 @@ class Reduction:
         compiled_points: CompiledPoints,
         rates: UpdateRule,
         matrix: scipy.sparse.csr_matrix,
-        used: np.ndarray,
+        used: Callable[[], np.ndarray],
         sliders: Sliders | None = None,
         loops: Loops | None = None,
     ):
@@ -58,13 +59,23 @@ class Reduction:
         #: For each force that closes a loop an unknown on which it acts. In C the forces are
         #: unknowns, too, behind all others.
         self.forces = np.empty(0, dtype=int) if loops is None else loops.acts_on
-        self._compiled_points, size = compiled_points, matrix.shape[0]
+        self._compiled_points, self._matrix, self._used = compiled_points, matrix, used
         #: The joints in C.
-        self.joints = JointsInC(couplings, auxiliaries, sliders, loops, rates, size)
-        sprung = compiled_points.points.columns
-        self.tangent = reduced_tangent(couplings, auxiliaries, sliders, loops, sprung, matrix, used)
+        self.joints = JointsInC(couplings, auxiliaries, sliders, loops, rates, matrix.shape[0])
         #: Small changes at the last configuration.
         self.maps = JointMaps(self.joints, compiled_points)
+
+    @cached_property
+    def tangent(self) -> ReducedTangent:
+        """How the reduced tangent is made of the full one."""
+        return reduced_tangent(
+            *(self.couplings, self.auxiliaries, self.sliders, self.loops),
+            *(self._compiled_points.points.columns, self._matrix, self._used()),
+        )
+
+    def forget_tangent(self) -> None:
+        """Free the tables of the tangent of a large scene, which are found again if asked for."""
+        self.__dict__.pop("tangent", None)
 
     # -- A step -----------------------------------------------------------------------------------
 

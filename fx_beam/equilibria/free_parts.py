@@ -121,6 +121,5 @@ def held_for_nothing(model: Model, q: np.ndarray, K: Extended, none: float) -> n
     neutral = rigid @ together @ parts[:, abs(stiffness) <= none]
     if not neutral.size:
         return np.empty(0, int)
-    used = model.reduction.tangent.used[model.masses.places.diagonal]
-    order = scipy.linalg.qr(neutral.T * used, mode="r", pivoting=True)[1]
+    order = scipy.linalg.qr(neutral.T * model.acted_on, mode="r", pivoting=True)[1]
     return order[: neutral.shape[1]]

@@ -88,7 +88,7 @@ class SmallMotions:
         model, reduction = self.model, self.model.reduction
         # Auxiliary unknowns, loops, sliders and members that may touch make them those of another
         # matrix than the tangent.
-        rows = len(reduction.tangent.pattern[0]) - 1
+        rows = model.couplings.unknown_count
         if not rows == reduction.free == len(reduction.independent):
             return
         members = model.points.members

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, StepBatch, StepStart
 from fx_beam.laws.point_laws import StepRule
@@ -39,7 +40,7 @@ class Forms:
     ):
         if scene.virtual_works and not scene.beams:
             raise SceneError("add_virtual_work acts on beams, but the scene has none. Add a beam")
-        self.size = mesh.dofs.size
+        self.size, self._cell_dofs = mesh.dofs.size, mesh.unknowns.dofs
         self._rates, rule, members = scheme.rates, StepRule.of(scheme.rates, instant), None
         #: Parameters of the user's functions.
         self.parameters = parameters = ParameterValues(data.parameters)
@@ -76,11 +77,19 @@ class Forms:
         self.depend_on_rates = follow or loses or (beams is not None and beams.depend_on_rates)
         #: Sparsity with the entries of beams and of each node, of zeros.
         self.beam_pattern = matrix_between(mesh.elements, len(mesh.X))
-        #: Tangent of all forces, and the places (cells, n * n) in it of the entries of cells.
+        #: Tangent of all forces.
         nodal = self.points.pairs.min(axis=1) >= 0
         self.stiffness = K = with_pairs(self.beam_pattern, self.points.pairs[nodal])
-        self.cell_entries = places_of_cells(mesh.unknowns.dofs, K.indptr, K.indices)
         self.points.locate_in(K)
+
+    @cached_property
+    def cell_entries(self) -> np.ndarray:
+        """Places (cells, n * n) in the tangent of the entries of cells."""
+        return places_of_cells(self._cell_dofs, self.stiffness.indptr, self.stiffness.indices)
+
+    def forget_cell_entries(self) -> None:
+        """Free the places of entries of a large scene, which are found again if asked for."""
+        self.__dict__.pop("cell_entries", None)
 
     def used_entries(self, masses: np.ndarray, coupled: bool) -> np.ndarray:
         """Whether an entry of the tangent may be other than zero: at many points none is.

@@ -51,9 +51,10 @@ def _of_equal(model: Model, force: np.ndarray) -> np.ndarray | None:
 
     Or without factors where they would need more memory than all else.
     """
-    tangent, free = model.reduction.tangent, model.reduction.free
+    free = model.reduction.free
     if free > _LARGE and (a := _iterated(model, force)) is not None:
         return a
+    tangent = model.reduction.tangent
     (indptr, indices), direct = tangent.pattern, tangent.direct
     values = np.bincount(direct["to"], model.masses.matrix.data[direct["from"]], len(indices))
     diagonal = values[np.repeat(np.arange(free), np.diff(indptr)) == indices]

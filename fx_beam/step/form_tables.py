@@ -111,7 +111,7 @@ class FormTables:
         # Cells that threads take at once.
         self._piece = problem.constants.PIECE * self._lanes if self._storage.is_large else 0
         self._forms: BeamForms = problem.model.forms.beams
-        self._cell_entries, mesh = problem.model.forms.cell_entries, problem.model.mesh
+        self._all_forms, mesh = problem.model.forms, problem.model.mesh
         #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
         self.rows = {"dofs": mesh.unknowns.dofs}
         for name, n in ("internal", p.internal.per_cell), ("natural", p.natural.per_cell):
@@ -144,6 +144,8 @@ class FormTables:
             known = [form for form in forms if form in bound]
             if known and name in names:
                 tables[name] = self.of(known[-1], Kernel([bound[form] for form in known]))
+        if self._piece:
+            self._all_forms.forget_cell_entries()
         return tables
 
     def of(self, name: str, kernel: Kernel) -> dict[str, Any]:
@@ -190,7 +192,7 @@ class FormTables:
         """Data of some cells, by their names in C."""
         if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
-        stored_at = self._storage.stored_at[self._cell_entries[cells]]
+        stored_at = self._storage.stored_at[self._all_forms.cell_entries[cells]]
         first_free = self._problem.tangent.stored
         data: dict[str, Any] = dict.fromkeys(_NOT_ALWAYS + _OF_THREADS)
         data |= {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}

@@ -48,15 +48,14 @@ class LoadLoop(CompiledLoop):
         free = model.reduction.free
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
-        used = model.reduction.tangent.used[diagonal := model.masses.places.diagonal]
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
-        self.drag_weight = np.where(used, model.units.nodes**-2.0, 0.0)
+        self.drag_weight = np.where(model.acted_on, model.units.nodes**-2.0, 0.0)
         statics = {"hold": self.hold, "viscous_weight": self.drag_weight}
-        statics["diagonal_at"] = self.problem.storage.stored_at[diagonal]
+        statics["diagonal_at"] = self.problem.storage.stored_at[model.masses.places.diagonal]
         self.problem.set(statics=statics, newton={"predicted": self._predicted})
         self.problem.set_frame(forcing.turning)
         n, columns = model.size, model.reduction.columns
-        sizes = {"D": n, "z": columns, "r": n, "tangent": len(model.reduction.tangent.pattern[1])}
+        sizes = {"D": n, "z": columns, "r": n, "tangent": self.problem.storage.entries}
         # Increments of nodes and columns, the residual at nodes, and the tangent, by C.
         self._results = [*self.problem.results(**sizes)]
         # A record of forces alone, for one step.

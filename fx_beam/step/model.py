@@ -205,7 +205,9 @@ class Model:
 
             little = little_mass(self.masses.matrix, self.units.nodes, scene, self.mesh)
             entries = np.append(entries, self.masses.places.diagonal[little > 0])
-        used = self.forms.used_entries(entries, self.scheme.rates.user_defined)
+        used = functools.partial(self.forms.used_entries, entries, self.scheme.rates.user_defined)
+        #: Whether something may act on a degree of freedom, (size,).
+        self.acted_on = used()[self.masses.places.diagonal]
         auxiliaries = Auxiliaries(self.couplings)
         loops = None
         if self.couplings.closures and sliders is not None:

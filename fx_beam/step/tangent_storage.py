@@ -64,6 +64,8 @@ class TangentStorage:
             and (loops is None or not len(loops.bordering))
         )
         self.factors = self._factors_of(*model.reduction.tangent.pattern)
+        #: Number of entries of the reduced tangent.
+        self.entries = len(model.reduction.tangent.pattern[1])
         #: Those in sparse rows, in C.
         self.sparse_factors = np.zeros(0)
 
@@ -153,6 +155,8 @@ class TangentStorage:
         self.stored_at = stored_at
         self._set_mass(problem)
         self.factors = factors._replace(at=NONE)  # C has what it needs of it
+        if self.is_large:
+            reduction.forget_tangent()
 
     def _set_mass(self, problem: Any) -> None:
         """Hand over where the tangent has masses, in blocks of pairs of nodes."""
