@@ -85,30 +85,38 @@ def reduced_tangent(
 
     entries, moves = couplings.all_entries, unknown_of[couplings.all_entries.column] >= 0
     source, i, j = _products(entries.row, moves, used, matrix.indptr, matrix.indices)
-    left, right, full_count = entries.take(i), entries.take(j), len(source)
+    full_count = len(source)
     added, forces = [auxiliaries.system_entries], np.empty(0, dtype=int)
     if loops is not None:
         added, forces = [loops.system_entries, *added], loops.bordering
-        halves = zip((left, right), loops.stiffened(), strict=True)
-        left, right = (Entries(*map(np.append, *sides)) for sides in halves)
-    source = np.append(source, np.full(len(left.row) - full_count, matrix.nnz + 1, np.int32))
+        left, right = loops.stiffened()
+        behind = len(entries.row) + np.arange(len(left.row))
+        i, j = np.append(i, behind), np.append(j, behind + len(behind))
+        source = np.append(source, np.full(len(behind), matrix.nnz + 1, np.int32))
+        entries = Entries(*map(np.concatenate, zip(entries, left, right, strict=True)))
     extra = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2).T
-    rows = [row_of[left.column], row_of[extra[0]], *(part.rows for part in added)]
-    columns = [unknown_of[right.column], unknown_of[extra[1]], *(p.columns for p in added)]
-    pairs = np.concatenate(rows), np.concatenate(columns)
+    rows = [row_of[entries.column][i], row_of[extra[0]], *(part.rows for part in added)]
+    columns = [unknown_of[entries.column][j], unknown_of[extra[1]], *(p.columns for p in added)]
+    row, column = np.concatenate(rows), np.concatenate(columns)
+    del rows, columns  # of large scenes
     if sliders is None or not couplings.sliding:
-        pattern, position = sparsity(*pairs, couplings.unknown_count)
+        pattern, position = sparsity(row, column, couplings.unknown_count)
     else:
-        position = sliders.set_tangent(*pairs, forces)
+        position = sliders.set_tangent(row, column, forces)
         pattern = sliders.bordered.pattern
     factors = joined(*(part.factors for part in added))
     counts = len(source), len(geometric), len(restoring), len(factors["sign"])
     position, *small_parts = np.split(position, np.cumsum(counts))
     geometric_to, restoring_to, add_to, one_to = map(np.copy, small_parts)  # the large one goes
-    virtual, value, sign = left.value_at, right.value_at, left.sign * right.sign
-    direct = (virtual == 0) & (value == 0) & (sign == 1) & (source < matrix.nnz)
+    constant, sign = entries.value_at == 0, entries.sign
+    direct = constant[i] & constant[j] & (sign[i] * sign[j] == 1) & (source < matrix.nnz)
+    other_products = np.flatnonzero(~direct)
+    i, j = i[other_products], j[other_products]
     names = "to", "from", "virtual", "value", "sign"
-    coupled = (part[~direct] for part in (position, source, virtual, value, sign))
+    coupled = (
+        *(position[other_products], source[other_products]),
+        *(entries.value_at[i], entries.value_at[j], sign[i] * sign[j]),
+    )
     factors |= {"to": add_to, "from": np.full(len(add_to), matrix.nnz)}
     table = np.array([(m, kind, sign) for _, _, m, kind, sign in geometric]).reshape(-1, 3)
     joint_and_kind = dict(zip(("joint", "kind"), table[:, :2].T.astype(int), strict=True))

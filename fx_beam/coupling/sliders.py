@@ -174,7 +174,9 @@ class Sliders:
         """Set the entries of the tangent before the elimination; returns their positions."""
         #: Forces that close loops and border the other unknowns as well.
         self.forces = forces
-        self._given, position = np.unique(rows * self._size + columns, return_inverse=True)
+        self._given, position = np.unique(
+            rows.astype(int) * self._size + columns, return_inverse=True
+        )
         #: Number of entries before the elimination.
         self.entries_before = len(self._given)
         #: The tangent of the compiled loop, in which what slides borders the other unknowns.

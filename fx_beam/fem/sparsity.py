@@ -19,12 +19,14 @@ def starts_of(counts: Sequence[int] | np.ndarray) -> np.ndarray:
 
 def sparsity(rows: np.ndarray, columns: np.ndarray, n: int) -> tuple[Pattern, np.ndarray]:
     """Compressed rows of the given pairs, and the position of each pair in them."""
-    keys, position = rows.astype(int) * n + columns, np.arange(len(rows), dtype=np.int32)
-    if not (keys[1:] > keys[:-1]).all():
+    keys = rows.astype(int) * n + columns
+    if (keys[1:] > keys[:-1]).all():
+        position = np.arange(len(keys), dtype=np.int32)
+    else:
         keys, position = np.unique(keys, return_inverse=True)
-    counts = np.bincount(keys // n, minlength=n)
-    indptr, indices = starts_of(counts).astype(np.int32), (keys % n).astype(np.int32)
-    return (indptr, indices), position.astype(np.int32, copy=False)
+        rows, columns = np.divmod(keys, n)
+    indptr = starts_of(np.bincount(rows, minlength=n)).astype(np.int32)
+    return (indptr, columns.astype(np.int32)), position.astype(np.int32, copy=False)
 
 
 def connected_parts(pairs: Sequence[np.ndarray] | np.ndarray, count: int) -> np.ndarray:
@@ -56,12 +58,15 @@ def blocks_with(
 
     The latter (n, 3, 3) are those of all entries.
     """
-    nodes, size = (len(indptr) - 1) // 3, len(indptr) - 1
-    rows = np.repeat(np.arange(size), np.diff(indptr))
-    row, column = np.divmod(np.unique(rows[entries] // 3 * nodes + indices[entries] // 3), nodes)
-    block = 3 * np.stack([row, column])[:, :, None, None] + np.indices((3, 3))[:, None]
+    nodes, places = (len(indptr) - 1) // 3, np.flatnonzero(entries)
+    rows = (np.searchsorted(indptr, places, side="right") - 1) // 3
+    row, column = np.divmod(np.unique(rows * nodes + indices[places] // 3), nodes)
+    block_rows = 3 * row[:, None] + np.arange(3)
+    first = positions_in(
+        indptr, indices, block_rows, np.broadcast_to(3 * column[:, None], block_rows.shape)
+    )
     starts = np.searchsorted(row, np.arange(nodes + 1))
-    return starts, column, positions_in(indptr, indices, *block)
+    return starts, column, first[:, :, None] + np.arange(3, dtype=np.int32)
 
 
 def matrix_between(elements: np.ndarray, nodes: int) -> scipy.sparse.csr_matrix:

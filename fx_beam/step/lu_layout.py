@@ -94,7 +94,8 @@ def factors_of(
     """
     if len(indptr) == 1:  # nothing is unknown
         return Factors(NONE, NONE, 0, 1)
-    graph, rows = graph_of(indptr, indices), np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    graph, numbers = graph_of(indptr, indices), np.arange(len(indptr) - 1, dtype=np.int32)
+    rows = np.repeat(numbers, np.diff(indptr))
     if not (sparse or dependent is not None or len(forces)):
         banded = _in_band(graph, rows, indices)
         if banded.band <= costs.narrow:
@@ -109,8 +110,8 @@ def factors_of(
 def graph_of(indptr: np.ndarray, indices: np.ndarray) -> scipy.sparse.csr_matrix:
     """The symmetric graph of a pattern, with diagonal."""
     n = len(indptr) - 1
-    graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
-    return (graph + graph.T + scipy.sparse.identity(n)).tocsr()
+    graph = scipy.sparse.csr_matrix((np.ones(len(indices), bool), indices, indptr), (n, n))
+    return (graph + graph.T + scipy.sparse.identity(n, bool)).tocsr()
 
 
 def _worth(sparse: Factors, entries: int, costs: Costs) -> int:
@@ -143,7 +144,8 @@ def _chained(
     _, parts = connected_components(graph)
     for part in (np.zeros_like(parts), parts):  # first without gaps, then each part for itself
         _, first = np.unique(part[np.argsort(order)], return_index=True)
-        i, j = (order[k] - first[part[k]] for k in (rows, columns))
+        shifted = order - first.astype(np.int32)[part]
+        i, j = shifted[rows], shifted[columns]
         apart = np.zeros((GROUP, len(first)), dtype=bool)
         for offset in range(GROUP):
             distance = abs((i + offset) // GROUP - (j + offset) // GROUP)

@@ -30,7 +30,9 @@ class StateVector:
         self.shapes = {name: array.lengths(once(model, sizes_of)) for name, array in ARRAYS.items()}
         sizes = {name: math.prod(shape) for name, shape in self.shapes.items()}
         sizes["driven_now"] = model.reduction.driven
-        past = {"ages": C.PAST + 1, "past": C.PAST * (n + model.reduction.free)}
+        # Those of unknowns are differences of nodes where each unknown moves some as it does.
+        unknowns = 0 if model.couplings.is_selection else model.reduction.free
+        past = {"ages": C.PAST + 1, "past": C.PAST * (n + unknowns)}
         errors = {"ages": C.PAST + 1, "past": C.PAST * n, "last": (C.AVERAGED - 1) * n}
         all_sizes = sizes | past | {f"error_{name}": size for name, size in errors.items()}
         #: The memory, which C copies before a step with sub-steps, and where its arrays are in it.
@@ -62,7 +64,7 @@ class StateVector:
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.
         first, stop = (ffi.offsetof(ffi.typeof(c).item, name) for name in ("state", "run"))
         self._numbers = ffi.buffer(ffi.addressof(c, "state"), stop - first)
-        # Ages, and divided differences of nodes (PAST, size) and of unknowns (PAST, free).
+        # Ages, and divided differences of nodes (PAST, size) and of unknowns (PAST, free or 0).
         differences = np.split(arrays["past"].reshape(C.PAST, -1), [n], axis=1)
         self._past = arrays["ages"], *differences
         state_arrays = {name: arrays[name] for name in sizes}
@@ -131,7 +133,9 @@ class StateVector:
             return
         predictor.known = known = len(past.ages)
         predictor.orders[0:parts] = past.orders.tolist()
-        y = self._model.couplings.unknowns(past.differences, past.slides)
+        y = self._model.couplings.unknowns(past.differences, past.slides)[
+            :, : self._past[2].shape[1]
+        ]
         for values, rows in zip(self._past, (past.ages, past.differences, y), strict=True):
             values[:known] = rows
 

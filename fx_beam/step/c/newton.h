@@ -44,6 +44,9 @@ static inline void advance_ages(double dt, double *ages, double *per_age) {
   for (int k = 0; k <= PAST; ++k) per_age[k] = 1 / ages[k];
 }
 
+/* Number of unknowns whose differences are stored: none where each is that of a node. */
+static inline int past_unknowns(const Problem *p) { return HAS(COUPLED) ? p->free : 0; }
+
 /* Divided differences of an increment and those before, of orders 1 to PAST in their place, and of the next order. All orders
    at once: in turn, each would wait for what the one before has stored. */
 INLINED void extend_differences(int n, int all, const double *restrict increment, const double *restrict per_age,
@@ -63,11 +66,11 @@ INLINED void extend_differences(int n, int all, const double *restrict increment
 /* Adds an increment to the divided differences of the last configurations and unknowns. Returns the order of
    extrapolation with the least error in this step. */
 HOT int update_predictor(Problem *p, const Work *w) {
-  int n = p->dofs, all = n + p->free, order = 0;
+  int n = p->dofs, unknowns = past_unknowns(p), all = n + unknowns, order = 0;
   double best = PREDICTOR_ERROR * largest(n, w->D, p->mesh.per_unit), product = w->dt, per_age[PAST + 1], *highest = w->scratch;
   advance_ages(w->dt, p->predictor.ages, per_age);
   extend_differences(n, all, w->D, per_age, p->predictor.past, highest);
-  extend_differences(p->free, all, w->z, per_age, p->predictor.past + n, highest + n);
+  extend_differences(unknowns, all, w->z, per_age, p->predictor.past + n, highest + n);
   for (int k = 1; k <= PAST && k <= p->predictor.known; ++k) {
     product *= p->predictor.ages[k];
     double error = largest(n, k < PAST ? p->predictor.past + k * all : highest, p->mesh.per_unit) * fabs(product);
@@ -238,15 +241,24 @@ static void set_driven(const Problem *p, const double *driven, double factor, do
   for (int i = 0; i < p->driven; ++i) columns[p->free + i] = factor * driven[i];
 }
 
+/* Unknowns from the past increments, by which the motion over dt is extrapolated with an order. */
+static void extrapolate(const Problem *p, const Work *w, int order) {
+  int n = p->dofs, all = n + past_unknowns(p), size = HAS(COUPLED) ? p->free : n;
+  double factor = w->dt, *sum = HAS(COUPLED) ? w->z : w->D; /* D is found anew by the unknowns */
+  memset(sum, 0, size * sizeof(double));
+  for (int k = 0; k < order; factor *= w->dt + p->predictor.ages[k++])
+    add_times(size, factor, p->predictor.past + k * all + (HAS(COUPLED) ? n : 0), sum);
+  for (int i = 0; !HAS(COUPLED) && i < n; ++i) w->z[p->map.column[i]] = sum[i];
+  memset(w->z + p->free, 0, (p->columns - p->free) * sizeof(double));
+}
+
 /* Predicts the unknowns with an order, 0 for none; out of a singular position a step goes on with the last motion. Returns why
    they give no configuration. */
 static int predict(Problem *p, const Work *w, const double *driven, int *order) {
-  int all = p->dofs + p->free, singular = !begin_couplings(p, w);
-  double factor = w->dt;
+  int singular = !begin_couplings(p, w);
   if (singular && !*order) *order = 1;
-  if (*order != GO_ON) memset(w->z, 0, p->columns * sizeof(double));
-  for (int k = 0; k < *order; factor *= w->dt + p->predictor.ages[k++])
-    add_times(p->free, factor, p->predictor.past + k * all + p->dofs, w->z);
+  if (*order > 0) extrapolate(p, w, *order);
+  else if (*order != GO_ON) memset(w->z, 0, p->columns * sizeof(double));
   if (*order > 0) set_driven(p, driven, 1, w->z);
   if (HAS(LOOPS) && singular && !choose_ahead(p, w)) return OUT_OF_LINE;
   return expand(p, w) ? OK : OPEN_LOOP;

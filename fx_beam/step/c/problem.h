@@ -274,7 +274,7 @@ typedef struct {
 } State;
 
 /* The last configurations, from which the next one is predicted: [PAST + 1] times since those before the last one, the latest first;
-   [PAST] divided differences of configurations and then unknowns, from order 1 on; number of previous sub-steps; orders of the
+   [PAST] divided differences of configurations and then, if joints couple nodes, of unknowns, from order 1 on; number of previous sub-steps; orders of the
    prediction of each sub-step, 0 for none. */
 typedef struct { double *ages, *past; int known, orders[SUB_STEPS]; } Predictor;
 
