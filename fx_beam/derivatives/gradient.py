@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fx_beam.dual import LinearChanges
+from fx_beam.dual import Dual, LinearChanges
 from fx_beam.errors import any_of
 from fx_beam.step.layout import Arrays
+
+#: Arrays by name, some of which may have slopes.
+DualArrays = dict[str, np.ndarray | Dual]
+#: Entries of an array, or places of rows in it.
+Chosen = slice | np.ndarray
 
 
 class Block(NamedTuple):
@@ -17,22 +23,24 @@ class Block(NamedTuple):
 
     name: str
     #: The entries of each state, or of all numbers of the name, flat: a slice or an array (e,).
-    entries: Any
+    entries: Chosen
     #: Rows of the output in their order.
-    rows: Any
+    rows: np.ndarray
     derivatives: np.ndarray
     #: Places (k,) among the states, forces or sub-steps, each at most once; None for numbers that
     #: do not have a row for each sub-step.
-    places: Any = None
+    places: Chosen | None = None
     #: The component that depends on the entries, or (e,) that on each of them, or their slice.
-    part: Any = 0
+    part: int | Chosen = 0
 
     def times(self, factor: float) -> Block:
         """Block of a multiple of the output."""
         return self if factor == 1 else self._replace(derivatives=factor * self.derivatives)
 
 
-def of_rows(name: str, rows: np.ndarray, values: np.ndarray, places: Any = None, first: int = 0):
+def of_rows(
+    name: str, rows: np.ndarray, values: np.ndarray, places: Chosen | None = None, first: int = 0
+) -> Block:
     """Derivatives (k, ...) of rows by all entries of states, or of numbers, from the `first` on."""
     slopes = values.reshape(len(rows), -1)
     return Block(name, slice(first, first + slopes.shape[1]), rows, slopes, places)
@@ -44,7 +52,12 @@ def of_names(rows: np.ndarray, derivatives: Mapping[str, np.ndarray]) -> Iterato
 
 
 def of_entries(
-    name: str, entries: Any, parts: Any, rows: np.ndarray, derivatives: Any, places: Any = None
+    name: str,
+    entries: ArrayLike,
+    parts: ArrayLike,
+    rows: np.ndarray,
+    derivatives: ArrayLike,
+    places: Chosen | None = None,
 ) -> Block:
     """A block where component parts[e] of each row depends on one entry, entries[e], alone."""
     entries, parts = np.atleast_1d(entries), np.atleast_1d(parts)
@@ -75,15 +88,14 @@ def jvp(
         else:  # without states, numbers with a row for each sub-step
             change = state_changes[name] if name in state_changes else changes[name].swapaxes(0, 1)
             change = change.reshape(len(change), count, -1)[..., entries][places]
-        has_parts = isinstance(part, slice) or np.ndim(part)
-        if has_parts:
-            values = (change * derivatives[:, None]).swapaxes(1, 2)
-        else:  # row by row: to the last digit the same, however many there are
+        if isinstance(part, int):  # row by row: to the last digit the same, however many there are
             values = (change @ derivatives[..., None])[..., 0]
+        else:
+            values = (change * derivatives[:, None]).swapaxes(1, 2)
         if any_of(rows[1:] == rows[:-1]):
             first = np.flatnonzero(np.diff(rows, prepend=-1))
             rows, values = rows[first], np.add.reduceat(values, first)
-        total[rows[:, None] if np.ndim(part) else rows, part] += values
+        total[rows[:, None] if isinstance(part, np.ndarray) else rows, part] += values
     return total.reshape(*shape, count)
 
 
@@ -105,7 +117,7 @@ class Gradient:
             self.state_slopes[name] = np.zeros(self._sizes[name])
         return self.state_slopes[name]
 
-    def add(self, name: str, entries: Any, places: Any, values: np.ndarray) -> None:
+    def add(self, name: str, entries: Chosen, places: Chosen | None, values: np.ndarray) -> None:
         """Add derivatives (k, e) by entries, as those of a `Block`."""
         if places is not None and name in self._sizes:
             target = self.at(name)
@@ -118,10 +130,11 @@ class Gradient:
         elif isinstance(entries, slice):
             target.reshape(len(target), -1)[:, entries][places] += values
         else:
-            target.reshape(len(target), -1)[np.reshape(places, (-1, 1)), entries] += values
+            rows = np.arange(len(target))[places]
+            target.reshape(len(target), -1)[rows[:, None], entries] += values
 
 
-def along(changes: Any, gradient: np.ndarray) -> np.ndarray:
+def along(changes: np.ndarray | LinearChanges, gradient: np.ndarray) -> np.ndarray:
     """Products (m,) of changes (m, ...) and a gradient."""
     if isinstance(changes, LinearChanges):
         return changes.along(np.ravel(gradient))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar, newton
 
 from fx_beam.dual import dual_array
@@ -22,6 +23,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.scene import Scene
 
+from .gradient import DualArrays
 from .parametrised import OfParameters, Parametrised, one_call
 from .tangent_analysis import TangentAnalysis
 from .tangent_derivatives import Pairs
@@ -125,7 +127,7 @@ class HarmonicResponse(OfParameters):
 
     def __init__(
         self,
-        build: Callable[[Any], tuple],
+        build: Callable[[np.ndarray], tuple],
         frequencies: Sequence[float],
         *,
         state: Callable[[Scene], Solution] | None = None,
@@ -135,14 +137,20 @@ class HarmonicResponse(OfParameters):
         f = checked_frequencies(frequencies, f"{_WHAT}: frequencies")
         self._begin(build, f, state, base)
 
-    def _begin(self, *arguments: Any) -> None:
-        self._arguments = build, self._f, state, self._base = arguments
+    def _begin(
+        self,
+        build: Callable[[np.ndarray], tuple],
+        f: np.ndarray,
+        state: Callable[[Scene], Solution] | None,
+        base: Sequence[complex] | None,
+    ) -> None:
+        self._arguments, self._f, self._base = (build, f, state, base), f, base
         self._parameters = Parametrised(build, self._read, "amplitudes", self._load_numbers)
         self._tangent = TangentAnalysis(self._parameters, _WHAT, _WHAT, state, damped=True)
 
     response: FrequencyResponse
 
-    def _read(self, built: Any) -> tuple[Scene, tuple]:
+    def _read(self, built: tuple) -> tuple[Scene, tuple]:
         """The scene, and its load and where the motion is wanted."""
         ok = isinstance(built, tuple) and len(built) == 3 and isinstance(built[0], Scene)
         ok = ok and (built[1] is None) == (self._base is not None)
@@ -193,7 +201,7 @@ class HarmonicResponse(OfParameters):
     # -- Derivatives ------------------------------------------------------------------------------
 
     @one_call
-    def vjp(self, weights: Sequence[Any]) -> np.ndarray:
+    def vjp(self, weights: ArrayLike) -> np.ndarray:
         """Derivatives of the real part of a sum of weights times amplitudes of the last call.
 
         Parameters
@@ -296,7 +304,7 @@ class HarmonicResponse(OfParameters):
             peaks.append(Peak(peak, float(abs(value)), gradient))
         return peaks
 
-    def _load_numbers(self, scene: Scene, built: tuple, known: tuple) -> dict[str, Any]:
+    def _load_numbers(self, scene: Scene, built: tuple, known: tuple) -> DualArrays:
         """Components (fx, fy, moment), real and imaginary parts (6,), of the load of a scene."""
         _, components = built[0] or (None, (0.0, 0.0))
         parts = [(c.real, c.imag) if np.iscomplexobj(c) else (c, 0.0) for c in components]

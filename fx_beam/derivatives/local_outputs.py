@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.laws.interval import StepBatch
@@ -15,7 +15,7 @@ from fx_beam.scene.beam import BeamPlace
 from fx_beam.scene.outputs import Measured
 from fx_beam.step.model import Model
 
-from .gradient import Block, of_entries
+from .gradient import Block, Chosen, of_entries
 from .row_output import Needs, Places, RowOutput, place_of
 
 #: Forces in steps, at the start, and of rates that fit, by the names of arrays in `State`.
@@ -40,7 +40,7 @@ class LocalOutput(RowOutput):
         #: Lengths of a row.
         self.shape = measured.shape
 
-        def read(array: str, entries: Any) -> np.ndarray:
+        def read(array: str, entries: np.ndarray) -> np.ndarray:
             if array == "X":
                 return self._model.mesh.X.reshape(-1)[entries]
             states = sub_steps.states[self._rates if array == "v" else array]
@@ -68,11 +68,12 @@ class LocalOutput(RowOutput):
             )
             yield Block(numbers, slice(1), rows, slope[:, None], part=part)
 
-    def _blocks_of(self, array: str, entries: Any, factor: Any) -> Iterator[Block]:
+    def _blocks_of(self, array: str, entries: np.ndarray, factor: ArrayLike) -> Iterator[Block]:
         """Derivatives by entries of states, forces and numbers, one for each component."""
-        parts = np.arange(np.size(entries))
+        entries = np.atleast_1d(entries)
+        parts = np.arange(len(entries))
         if (columns := self._model.force_columns.get(array)) is not None:
-            columns = np.atleast_1d(columns.reshape(-1)[entries])
+            columns = columns.reshape(-1)[entries]
             have_column = columns >= 0
             array, entries, parts = "constraint_forces", columns[have_column], parts[have_column]
         if array == "a":
@@ -87,21 +88,23 @@ class LocalOutput(RowOutput):
             state_entries = self._at(name, entries)
             yield of_entries(name, state_entries, parts, np.arange(len(ends)), factor, ends)
 
-    def _at(self, name: str, entries: Any) -> Any:
+    def _at(self, name: str, entries: np.ndarray) -> np.ndarray:
         known = self._places.entries.get(name)
         return entries if known is None else np.searchsorted(known, entries)
 
-    def _change(self, name: str, entries: Any, parts: Any) -> Iterator[Block]:
+    def _change(self, name: str, entries: np.ndarray, parts: np.ndarray) -> Iterator[Block]:
         """The change over the steps, by their lengths."""
         places, rows = self._places, self._places.moved
         rate_factor = 1 / places.steps.lengths[rows]
         for boundaries, factor in ((places.ends, rate_factor), (places.starts, -rate_factor)):
             yield of_entries(name, self._at(name, entries), parts, rows, factor, boundaries[rows])
 
-    def _at_start(self, name: str, entries: Any, parts: Any) -> Block:
+    def _at_start(self, name: str, entries: np.ndarray, parts: np.ndarray) -> Block:
         return of_entries(name, entries, parts, self._places.at_start, 1.0)
 
-    def _force(self, name: str, at_start: str, impulse: str, entries: Any, parts: Any):
+    def _force(
+        self, name: str, at_start: str, impulse: str, entries: np.ndarray, parts: np.ndarray
+    ) -> Iterator[Block]:
         """A mean force over the steps, with what rates that fit add to it."""
         steps, forces = self._places.steps, self._places.forces
         yield of_entries(name, entries, parts, steps.of, steps.shares, forces)
@@ -118,7 +121,8 @@ class ResultantOutput(RowOutput):
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
         model = self._sub_steps.model
-        self._beams: Any = model.forms.beams  # there are some
+        assert model.forms.beams is not None
+        self._beams = model.forms.beams
         names = [member.name for member in model.scene.beams]
         self._cells = model.mesh.cells[names.index(measured.place.name)]
         self._component = "NQM".index(measured.name)
@@ -154,14 +158,14 @@ class ResultantOutput(RowOutput):
             if name == "parameters":  # which all elements share
                 for (point, k), component in np.ndenumerate(components):
                     values = shares * slopes[point, :, :, k].T
-                    yield Block(name, entries[k], rows, values, part=component)
+                    yield Block(name, entries[k], rows, values, part=int(component))
                 continue
             for point, number in np.ndindex(slopes.shape[:2]):
                 values, cell_entries = shares * slopes[point, number], _evenly(entries[:, number])
                 yield Block(name, cell_entries, rows, values, part=_evenly(components[point]))
 
 
-def _evenly(entries: np.ndarray) -> Any:
+def _evenly(entries: np.ndarray) -> Chosen:
     """Entries (n,) as a slice, which is quicker, if they are at equal distances."""
     first, step = int(entries[0]), int(entries[-1] - entries[0]) // max(len(entries) - 1, 1)
     even = step > 0 and np.array_equal(entries, first + step * np.arange(len(entries)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -16,6 +16,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 
+from .gradient import Chosen
 from .parametrised import OfParameters, Parametrised, one_call
 from .tangent_analysis import TangentAnalysis
 from .tangent_derivatives import Pairs
@@ -45,12 +46,12 @@ class _Modes(NamedTuple):
     roots: np.ndarray
     vectors: np.ndarray
 
-    def of(self, places: Any) -> _Modes:
+    def of(self, places: Chosen) -> _Modes:
         """Numbers of some modes."""
         return _Modes(*(values[..., places] for values in self))
 
 
-def _read(built: Any) -> tuple[Scene, None]:
+def _read(built: Scene) -> tuple[Scene, None]:
     """The scene that `build` gave."""
     require(isinstance(built, Scene), "ModalResponse: what build gives", built, "a Scene")
     return built, None
@@ -119,7 +120,7 @@ class ModalResponse(OfParameters):
 
     def __init__(
         self,
-        build: Callable[[Any], Scene],
+        build: Callable[[np.ndarray], Scene],
         n: int = 6,
         *,
         state: Callable[[Scene], Solution] | None = None,
@@ -130,8 +131,14 @@ class ModalResponse(OfParameters):
         check_takes(build, "x", "ModalResponse: build")
         self._begin(build, n, state, damped)
 
-    def _begin(self, *arguments: Any) -> None:
-        self._arguments = build, self._n, state, self._damped = arguments
+    def _begin(
+        self,
+        build: Callable[[np.ndarray], Scene],
+        n: int,
+        state: Callable[[Scene], Solution] | None,
+        damped: bool,
+    ) -> None:
+        self._arguments, self._n, self._damped = (build, n, state, damped), n, damped
         self._parameters = Parametrised(build, _read, "modes")
         caller = "ModalResponse", "modes"
         self._tangent = TangentAnalysis(self._parameters, *caller, state, self._damped)

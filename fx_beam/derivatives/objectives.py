@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError, array_of, check_takes, real_array, require, shown
 from fx_beam.step.interrupts import one_thread
@@ -16,6 +18,12 @@ from .parametrised import Parametrised
 Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, np.ndarray]]]
 
 
+class _Run(Protocol):
+    def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]: ...
+    def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray: ...
+    def jacobian(self, *names: str) -> dict[str, np.ndarray]: ...
+
+
 class _OfRun:
     """A function that calls a response, one thread at a time."""
 
@@ -23,19 +31,19 @@ class _OfRun:
     _shared: Callable[[], Parametrised]
 
     @property
-    def _alone(self) -> Any:
+    def _alone(self) -> AbstractContextManager:
         return self._shared().alone
 
 
 class Objective(_OfRun):
     """A number of a whole motion, and its derivatives by x."""
 
-    def __init__(self, run: Any, shared: Callable[[], Parametrised], function: Cost):
+    def __init__(self, run: _Run, shared: Callable[[], Parametrised], function: Cost):
         check_takes(function, "t, y", "objective: function")
         self._run, self._shared, self._function = run, shared, function
 
     @one_thread
-    def __call__(self, x: Any) -> tuple[float, np.ndarray]:
+    def __call__(self, x: Sequence[float]) -> tuple[float, np.ndarray]:
         """The value, and its derivatives (m,) by x."""
         result = self._function(*self._run(x))
         ok = isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], Mapping)
@@ -47,7 +55,7 @@ class Objective(_OfRun):
         return float(result[0]), self._run.vjp(result[1])
 
 
-def _measured(rows: Any, name: str) -> np.ndarray:
+def _measured(rows: ArrayLike, name: str) -> np.ndarray:
     if isinstance(rows, np.ma.MaskedArray):
         rows = np.ma.filled(rows.astype(float), np.nan)
     values = array_of(rows, name)
@@ -55,7 +63,7 @@ def _measured(rows: Any, name: str) -> np.ndarray:
     return values
 
 
-def _scatter(scatter: Any, shape: tuple[int, ...], name: str) -> np.ndarray:
+def _scatter(scatter: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarray:
     values = array_of(scatter, name)
     require(bool((np.isfinite(values) & (values > 0)).all()), name, scatter, "positive")
     try:
@@ -71,10 +79,10 @@ class Misfit(_OfRun):
 
     def __init__(
         self,
-        run: Any,
+        run: _Run,
         shared: Callable[[], Parametrised],
-        measured: Mapping[str, Any],
-        scatter: Any,
+        measured: Mapping[str, ArrayLike],
+        scatter: ArrayLike | Mapping[str, ArrayLike],
     ):
         subject = "misfit: measured"
         ok = isinstance(measured, Mapping) and len(measured) > 0
@@ -90,10 +98,10 @@ class Misfit(_OfRun):
             for name, rows in self._measured.items()
         }
         #: Numbers of the last deviations: those of the run, if no other call came between.
-        self._x: Any = None
+        self._x = np.empty(0)
 
     @one_thread
-    def __call__(self, x: Any) -> np.ndarray:
+    def __call__(self, x: Sequence[float]) -> np.ndarray:
         """Deviations (n,); zero where nothing was measured, which is NaN."""
         (_, y), parts = self._run(x), list[np.ndarray]()
         for name, rows in self._measured.items():
@@ -106,7 +114,7 @@ class Misfit(_OfRun):
         return np.concatenate(parts)
 
     @one_thread
-    def jacobian(self, x: Any) -> np.ndarray:
+    def jacobian(self, x: Sequence[float]) -> np.ndarray:
         """Their derivatives (n, m) by x; without another motion if the last one was that of x."""
         if self._x is not self._shared().x or not np.array_equal(self._x, x):
             self(x)

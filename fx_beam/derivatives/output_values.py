@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.equilibria.critical_points import first_critical_point
 from fx_beam.errors import require
@@ -20,7 +20,7 @@ from fx_beam.step.recorder import Record, Recorder
 from .output_kinds import kind_of
 
 #: An output: a quantity of a node, joint, beam or scene, or a function of the solution.
-Wanted = Output | Callable[[Solution], Any]
+Wanted = Output | Callable[[Solution], ArrayLike]
 
 
 def is_at_node(output: Wanted, scene: Scene) -> bool:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import dual_array
+from fx_beam.dual import Dual, dual_array
 from fx_beam.errors import SceneError, check_takes, require
 from fx_beam.fem.parameter_values import before
 from fx_beam.motions.motion_series import MotionSeries
@@ -27,6 +26,7 @@ from fx_beam.step.tape import LIMIT, Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .analysis import Analysis
+from .gradient import DualArrays
 from .motion_analysis import prepared_for
 from .observation import rates_at
 from .output_kinds import needs_of
@@ -92,7 +92,7 @@ class PeriodicResponse(Response):
 
     _analysis: PeriodicAnalysis
 
-    def __init__(self, build: Callable[..., tuple], motion: Callable[[Any], PeriodicMotion]):
+    def __init__(self, build: Callable[..., tuple], motion: Callable[..., PeriodicMotion]):
         require(callable(build), f"{WHAT}: build", build, "a function of (x) or of (x, f)")
         needed = inspect.signature(build).parameters.values()
         finds = sum(argument.default is inspect.Parameter.empty for argument in needed) > 1
@@ -146,7 +146,7 @@ class PeriodicAnalysis(Analysis):
 
     def __init__(
         self,
-        motion_of: Callable[[Any], PeriodicMotion],
+        motion_of: Callable[..., PeriodicMotion],
         finds_frequency: bool,
         parameters: Parametrised,
     ):
@@ -249,14 +249,14 @@ class PeriodicAnalysis(Analysis):
         self._check_rows()
         return self._derivatives.changes  # which have the steps of the motion on the tape
 
-    def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:
+    def _numbers_of(self, scene: Scene, change: np.ndarray | Dual) -> DualArrays:
         """Numbers of the steps of this motion for another scene, from the same state."""
         tape, start, period = self._shooting.tape, self._period.start, self._period.length
         options = self._shooting.prepared.options
         other = prepared_for(self._series, options, self.parameters.scene, scene, change)
         t0, t1 = tape.times.starts, tape.times.ends
         model, data = other.model, other.model.data
-        numbers: dict[str, Any] = numbers_in_steps(model, data, start, t0, t1)
+        numbers: DualArrays = {**numbers_in_steps(model, data, start, t0, t1)}
         later = numbers_in_steps(model, data, start, t0 + period, t1 + period)
         numbers |= {name + LATER: later[name] for name in OF_STEPS & later.keys()}
         numbers[AT_START] = dual_array(other.forcing.series(t0[:1])[0])

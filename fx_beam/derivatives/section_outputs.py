@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import dual_array
+from fx_beam.dual import Dual, dual_array
 from fx_beam.errors import SceneError
 from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.fem.loads import LoadedBeams
@@ -17,15 +17,18 @@ from fx_beam.motions.element_balance import ElementLoads, components, directions
 from fx_beam.motions.numbers import OF_OUTPUT
 from fx_beam.results.section_forces import Balance
 from fx_beam.results.solution import Solution
-from fx_beam.scene.outputs import Measured, is_section_force
+from fx_beam.scene.beam import BeamPlace
+from fx_beam.scene.outputs import Measured, Output, is_section_force
 from fx_beam.scene.scene import Scene
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
-from .gradient import Block, of_names, of_rows
+from .gradient import Block, DualArrays, of_names, of_rows
 from .row_output import Needs, Places, RowOutput, place_of
 
+#: Values (n, ...) at times (n,) [s].
+Series = Callable[[np.ndarray], np.ndarray | Dual]
 # Numbers of a section force: masses (points,) at Gauss points of its element, directions (2,) at
 # its ends, and dead loads (sub-steps + 1, width) on it, the last at the start.
 _MASSES, _DIRECTIONS, _DEAD = "masses", "directions", "dead loads"
@@ -34,8 +37,8 @@ _STEP = 1e-2
 
 
 def numbers_of_sections(
-    model: Model, tape: Tape, rest_time: float | None, scene: Scene, known: Mapping[str, Any]
-) -> dict[str, Any]:
+    model: Model, tape: Tape, rest_time: float | None, scene: Scene, known: Mapping[str, object]
+) -> DualArrays:
     """Numbers of a scene in the sub-steps of a tape; equilibria have their loads at one time."""
     mesh, level, times = model.mesh, model.scheme.rates.level, tape.times
     X = mesh.positions_of(scene)
@@ -43,7 +46,7 @@ def numbers_of_sections(
     loads = ElementLoads(model, loaded_beams, X)
     start, last = times.starts[:1], np.zeros(1)
 
-    def values_in_steps(function: Callable[[np.ndarray], Any]) -> Any:
+    def values_in_steps(function: Series) -> np.ndarray | Dual:
         if rest_time is not None:
             factors = np.append(tape.memories, last)
             return factors[:, None] * function(np.array([rest_time]))
@@ -51,11 +54,14 @@ def numbers_of_sections(
         t0, t1 = np.append(t0, start), np.append(t1, start)
         return (1 - level) * function(t0) + level * function(t1)
 
-    numbers: dict[str, Any] = {}
-    for name in filter(lambda key: is_section_force(known[key]), known):
-        output = known[name]
-        cell = _cell(model, output.of)
-        if any(_cell(model, load.target) == cell for load in loads.inside(output.of.beam.name)):
+    numbers: DualArrays = {}
+    for name, output in known.items():
+        if not (isinstance(output, Output) and is_section_force(output)):
+            continue
+        place = output.of
+        assert isinstance(place, BeamPlace)
+        cell = _cell(model, place)
+        if any(_cell(model, load.target) == cell for load in loads.inside(place.beam.name)):
             raise SceneError(
                 f"the output {output} has no derivatives: a force or couple acts inside its "
                 "element. Let an element end there"
@@ -68,13 +74,15 @@ def numbers_of_sections(
     return numbers
 
 
-def _cell(model: Model, place: Any) -> int:
+def _cell(model: Model, place: BeamPlace) -> int:
     """Number of the element of a place."""
     names = [beam.name for beam in model.scene.beams]
     return int(model.mesh.cells[names.index(place.beam.name)][place.element[0]])
 
 
-def _on_element(loads: ElementLoads, cell: int, values_in_steps: Callable) -> Any:
+def _on_element(
+    loads: ElementLoads, cell: int, values_in_steps: Callable[[Series], np.ndarray | Dual]
+) -> np.ndarray | Dual:
     """Dead loads (sub-steps + 1, width) on an element."""
     dofs, dead = loads.torn.unknowns.dofs[cell], loads.dead
     width, columns = len(dofs), len(dead.starts) - 1
@@ -128,7 +136,8 @@ class SectionOutput(RowOutput):
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
         self._name, model = name, self._sub_steps.model
-        self._beams: Any = model.forms.beams  # there are some
+        assert model.forms.beams is not None
+        self._beams = model.forms.beams
         self._element = _Element.of(model, measured)
         self._rows, self._steps, self._shares = places.means()
         self._read(places.numbers)

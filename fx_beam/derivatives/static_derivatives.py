@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -41,7 +40,7 @@ def why_not(path: LoadPath) -> str:
     model, first = path.model, path.states[0]
     if path.forcing.turning is not None:
         return "a frame that turns (spin) has none"
-    if path.start is not None and model.kinks.flows:
+    if not path.from_rest and model.kinks.flows:
         return "parts with internal variables that start from another solution have none"
     if model.mechanism and model.kinks.flows:
         return (
@@ -64,7 +63,7 @@ def why_no_sums(path: LoadPath | None) -> dict[str, str]:
     if model.forms.dissipate:
         lossless = why_no_losses(model)
         reasons["dissipated_energy"] = lossless and f"where {lossless}"
-    if path.start is not None:
+    if not path.from_rest:
         reasons = {quantity: "if it began at another solution" for quantity in reasons}
     refusal = "has no derivatives since the equilibrium from which each motion starts has none"
     return {quantity: f"{refusal} {reason}" for quantity, reason in reasons.items() if reason}
@@ -80,11 +79,11 @@ class StaticDerivatives:
         #: The states that are followed. Of what began at another solution these are the last alone,
         #: which is an equilibrium of this scene whatever it began from.
         self.states, start = path.states, reference_state(model)
-        if path.start is not None:
+        if not path.from_rest:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
         problem = Problem(model, ProblemKind())
-        holding_forces = path.held if path.start is None else 0 * path.held
+        holding_forces = path.held if path.from_rest else 0 * path.held
         if holding_forces.any():
             columns, dofs, _, _ = model.couplings.free_columns
             first = np.zeros(model.reduction.free, int)
@@ -95,11 +94,13 @@ class StaticDerivatives:
         if holding_forces.any():
             self.tape.hold = (1 - self.factors)[:, None] * holding_forces
 
-    def numbers_of(self, scene: Scene, change: Any = None) -> dict[str, np.ndarray]:
+    def numbers_of(self, scene: Scene, change: np.ndarray | Dual) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
-        return self._numbers_at(self.factors, scene)
+        return self._numbers_at(self.factors, scene, change)
 
-    def _numbers_at(self, factors: np.ndarray, scene: Scene, _: Any = None) -> dict[str, Any]:
+    def _numbers_at(
+        self, factors: np.ndarray, scene: Scene, change: np.ndarray | Dual
+    ) -> dict[str, np.ndarray]:
         scene = with_functions(scene, self.path.options.inputs, "static: inputs")
         data = data_of(self.model, scene)
         return static_numbers_of(self.model, data, self.path.forcing.time, factors)
@@ -162,9 +163,9 @@ class StaticDerivatives:
     def _summed(self) -> list[str]:
         """The outputs with derivatives that add up over the load steps."""
         names, model = list[str](), self.model
-        if self.path.start is None and not why_no_work(model):
+        if self.path.from_rest and not why_no_work(model):
             names.append("work")
-        if self.path.start is None and model.forms.dissipate and not why_no_losses(model):
+        if self.path.from_rest and model.forms.dissipate and not why_no_losses(model):
             names.append("dissipated_energy")
         return names
 
@@ -177,7 +178,7 @@ class StateChange:
         #: Those of the configuration (m, size).
         self.node_changes = changes["q"]
 
-    def at(self, data: Data, change: Any) -> State:
+    def at(self, data: Data, change: np.ndarray | Dual) -> State:
         """The equilibrium with a change of the numbers (m,), for those of a scene.
 
         It has slopes if the change has.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -117,7 +116,7 @@ class StaticResponse(Response):
         newton: NewtonOptions | None = None,
         max_cuts: int = 8,
         max_steps: int = 1000,
-        inputs: Mapping[str, Any] | None = None,
+        inputs: Mapping[str, object] | None = None,
     ):
         check_takes(build, "x", "StaticResponse: build")
         options = StaticOptions.among(locals(), progress=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,10 @@ from .gradient import Block
 
 # Arrays that forms read at the starts of sub-steps.
 _AT_START = "q", "v", "slides", "natural", "internal", "spring internal"
+# A term of what forms read: an array, places (k,) in it, None for all of it, and a factor; and a
+# term with the indices (k,) of the sub-steps that have it.
+_Term = tuple[str, np.ndarray | None, float]
+_Source = tuple[np.ndarray, *_Term]
 # Degrees of freedom of the sub-steps that are evaluated at once.
 _MOST = 2**16
 
@@ -159,17 +162,17 @@ class SubSteps:
                 part = block._replace(name=array, rows=block.rows[which], places=places)
                 yield part._replace(derivatives=block.derivatives[which]).times(factor)
 
-    def _sources(self, steps: np.ndarray) -> dict[str, list[tuple[np.ndarray, str, Any, float]]]:
+    def _sources(self, steps: np.ndarray) -> dict[str, list[_Source]]:
         """The terms of which what forms read of sub-steps is the sum, by name.
 
         Each in some (k,) of them: an array of states, or of numbers with a row for each sub-step,
         places (k,) in it, None for numbers of all, and a factor.
         """
-        sources: dict[str, list[tuple[np.ndarray, str, Any, float]]] = {}
+        sources: dict[str, list[_Source]] = {}
         all_places, moved = self.places(steps), self._moves * self._short
         for which in self.kinds(steps):
             (begins, ends, earlier), first = all_places[:, which], steps[which[0]]
-            starts: list[tuple[str, Any, float]] = [("q", begins, 1.0)]
+            starts: list[_Term] = [("q", begins, 1.0)]
             increments = [("q", ends, 1.0), ("q", begins, -1.0)]
             if first < 0:
                 starts.append(("v", begins, -self._level * moved))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import Dual
 from fx_beam.equilibria.statics import path_of
 from fx_beam.errors import check_takes, require
 from fx_beam.linear.linearisation import Linearisation, linearised
@@ -50,7 +50,7 @@ class TangentAnalysis:
     ) -> Linearisation:
         """Linearise about the equilibrium of the scene of parameters; `take` gets it first."""
 
-        def linearise(x: Any) -> Linearisation:
+        def linearise(x: np.ndarray | Dual) -> Linearisation:
             take(about := self._linearised(x))
             return about
 
@@ -58,7 +58,7 @@ class TangentAnalysis:
         self.about = self.parameters.scenes.serve(x, linearise, self._state is None)
         return self.about
 
-    def _linearised(self, x: Any) -> Linearisation:
+    def _linearised(self, x: np.ndarray | Dual) -> Linearisation:
         scene = self.parameters.take(x)
         self._end = self._state and self._state(scene)
         self._path = path_of(self._end, scene)

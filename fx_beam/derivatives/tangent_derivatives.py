@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Set
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Set
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse
+from numpy.typing import ArrayLike
 
 from fx_beam.dual import Dual
 from fx_beam.errors import SceneError
@@ -19,6 +20,7 @@ from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
 from fx_beam.scene.scene import Scene
+from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.numbers import data_of
 from fx_beam.step.sparse_lu import pivoted_lu
@@ -54,13 +56,13 @@ class Pairs(NamedTuple):
     left: np.ndarray
     owner: np.ndarray
     #: Factors k, c and m, each one number or (n,).
-    stiffness: Any
-    damping: Any = 0.0
-    mass: Any = 0.0
-    times: Any = 1.0
+    stiffness: ArrayLike
+    damping: ArrayLike = 0.0
+    mass: ArrayLike = 0.0
+    times: ArrayLike = 1.0
     #: Forces (size,) times T l, and (n, size) times T r.
-    left_forces: Any = 0.0
-    right_forces: Any = 0.0
+    left_forces: np.ndarray | float = 0.0
+    right_forces: np.ndarray | float = 0.0
     #: Motion (size,) of the nodes that is added to T r in m l.M r; None for none.
     base: np.ndarray | None = None
 
@@ -94,7 +96,7 @@ class TangentDerivatives:
         self._problem: Problem | None = None
         self._derivatives: TapeDerivatives
         #: Changes (m, ...) of the numbers by x.
-        self.changes: Mapping[str, np.ndarray]
+        self.changes: Arrays
 
     def begin(self, about: Linearisation, state: Solution | None, damped: bool = False) -> None:
         """Take the tangent about a state, or about the reference."""
@@ -118,14 +120,17 @@ class TangentDerivatives:
             self._derivatives = TapeDerivatives(problem)
         self._problem = problem
 
-    def take(self, changes: Mapping[str, np.ndarray], changing: Set[str]) -> None:
+    def take(self, changes: Arrays, changing: Set[str]) -> None:
         """Take changes (m, ...) of the numbers by x; those not `changing` are zero."""
         refuse_others(changes, self._derivatives.names, self._what)
         self.changes = changes
         self._changing = {name: rows for name, rows in changes.items() if name in changing}
 
     def numbers_of(
-        self, scene: Scene, change: Any = None, start: StateChange | None = None
+        self,
+        scene: Scene,
+        change: np.ndarray | Dual | None = None,
+        start: StateChange | None = None,
     ) -> dict[str, np.ndarray]:
         """The numbers of this equilibrium for another scene; OtherStructureError if it differs.
 
@@ -140,7 +145,7 @@ class TangentDerivatives:
         # A step that tells damping also begins in the state.
         if self._steps.damped and data.natural:
             numbers["natural"] = self._factor * data.natural.numbers_at(forcing.time)
-        if start is not None:
+        if start is not None and change is not None:
             state_numbers = numbers_of_state(data, start.at(data, change))
             numbers |= {name: state_numbers[name] for name in _OF_STATE & state_numbers.keys()}
         return numbers
@@ -173,7 +178,7 @@ class TangentDerivatives:
                 row += self._state.vjp(state_slopes)[0]
         return sums
 
-    def by_x(self, slopes: Mapping[str, np.ndarray], changes: Any = None) -> np.ndarray:
+    def by_x(self, slopes: Arrays, changes: Arrays | None = None) -> np.ndarray:
         """Derivatives (m,) by x from `slopes` by numbers and `changes` (m, ...) of the numbers."""
         changes, none = changes or self._changing, np.zeros(len(self.changes["X"]))
         pairs = ((changes[name], slope) for name, slope in slopes.items() if name in changes)
@@ -185,7 +190,7 @@ class TangentDerivatives:
         k, c, m = (np.reshape(x, (-1, 1)) for x in (pairs.stiffness, pairs.damping, pairs.mass))
         T, mass_of = about.T, about.model.masses.matrix
         moved, directions, motion = _times(T, left), right, _times(T, right)[pairs.owner]
-        masses, turns = [(m * moved, motion)], list[tuple[Any, np.ndarray]]()
+        masses, turns = [(m * moved, motion)], list[tuple[scipy.sparse.csr_matrix, np.ndarray]]()
         if about.frame is not None:  # Coriolis forces are the mass times these
             turn = 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
             masses.append((c * moved, _times(turn, motion)))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy.linalg
 import scipy.sparse
+from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from fx_beam.errors import SceneError, is_whole, require
@@ -130,10 +129,10 @@ def _lowest(about: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray
     return 1 / inverse[order], unit @ vectors[:, order]
 
 
-def _largest(A: Any, K: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _largest(A: csc_matrix, K: csc_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
     """The n largest eigenvalues of A x = mu K x, if they are positive; their vectors (size, n)."""
 
-    def inverse(matrix: Any) -> LinearOperator:
+    def inverse(matrix: csc_matrix) -> LinearOperator:
         matrix = matrix.tocsr()
         matrix.sort_indices()
         lu = LU((matrix.indptr, matrix.indices))

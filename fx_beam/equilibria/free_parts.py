@@ -7,7 +7,7 @@ degrees of freedom holds it, as a statically determinate support does: it carrie
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -15,6 +15,7 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.step.extended import Extended
 from fx_beam.step.model import Model
 
@@ -49,9 +50,8 @@ def free_parts(model: Model) -> list[FreePart]:
     pairs += [(joint.a.number, joint.b.number) for joint in scene.joints]
     for gear in scene.gears:
         pairs += pairwise(node.number for node in gear.nodes)
-    force: Any
     for force in scene.forces_between:
-        if force.to_ground:
+        if isinstance(force, GroundSpring):
             pairs.append((mesh.nodes_of(scene, force.target)[0], -1))
         else:
             pairs += pairwise(force.nodes)

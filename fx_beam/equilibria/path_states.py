@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,8 @@ from .path_following import PathFollowing
 from .rising_loads import raise_load
 from .settling import Settling
 
+#: What a path starts from: rest, a solution or a branch.
+Start = Solution | Branch | None
 # A scene that cannot follow even this part of its loads, one in so many, may settle instead.
 _SHORTEST = 100
 
@@ -31,7 +32,7 @@ _SHORTEST = 100
 class PathStates:
     """Finds the states of a path, from rest, a solution or a branch."""
 
-    def __init__(self, arc: ArcLength, start: Any):
+    def __init__(self, arc: ArcLength, start: Start):
         self._arc, self._start = arc, start
         self._stepper: LoadStepper = arc.stepper
         self._options, self._model, self._path = arc.stepper.options, arc.model, arc.stepper.path
@@ -116,7 +117,7 @@ class PathStates:
         """The equilibrium at load factor 0, from which the loads rise."""
         if self._model.mechanism:
             return self._settled()
-        if self._start is not None:
+        if isinstance(self._start, Solution):
             return self._from_state(self._at_rest(self._start))
         try:
             return self._from_reference()

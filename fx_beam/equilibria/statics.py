@@ -7,7 +7,6 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from fx_beam.results.solution import Solution, forces_on_nodes
 from fx_beam.results.state import State
 from fx_beam.scene.functions import constant
 from fx_beam.scene.inputs import values_at, with_functions
+from fx_beam.scene.loads import Load
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import Watch
 from fx_beam.step.forcing import LoadForcing
@@ -39,7 +39,7 @@ from .critical_points import PathStability
 from .crossings import Crossings
 from .first_order import first_order
 from .load_steps import LoadStepper
-from .path_states import PathStates
+from .path_states import PathStates, Start
 from .small_motions import SmallMotions
 from .static_options import StaticOptions
 
@@ -55,15 +55,17 @@ class LoadPath:
     `began` is when it was begun, by `time.perf_counter` [s].
     """
 
-    def __init__(self, scene: Scene, options: StaticOptions, start: Any):
+    def __init__(self, scene: Scene, options: StaticOptions, start: Start):
         check_scene(scene, "static")
         watch = Watch(scene)
         _check_start(options, scene, start)
         warn_of_equal_work()
         connected = with_functions(scene, options.inputs, "static: inputs")
-        #: What it starts from. After the run True stands for a solution: a path that held it would
-        #: hold all the solutions before it as well.
-        self.scene, self.options, self.start = scene, options, start
+        self.scene, self.options = scene, options
+        #: Whether it starts from rest, or from a bifurcation.
+        self.from_rest, self._branches_off = start is None, isinstance(start, Branch)
+        # The start, until the end of the run: with it one would hold all solutions before it.
+        self._start = start
         # Now, as the scene may change later.
         self._loads_on_nodes = _loads_on_nodes(scene, start, options.t)
         self._inputs = values_at(scene, options.inputs, options.t)
@@ -114,7 +116,7 @@ class LoadPath:
             warn_of_places(solution, lines=self.scene.forces_between)
             warn_of_long_elements(solution, solution.t, solution.recorded("q"))
             solution.load_path = self
-            self.start = isinstance(self.start, Solution) or self.start
+            self._start = None
         except BaseException as error:
             stats.failure = failure_of(error, states[-1].t if states else 0.0)
             stats.steps = max(len(states) - 1, 0)  # wherever an interrupt came
@@ -131,7 +133,7 @@ class LoadPath:
         return self._path_states().first_state()
 
     def _path_states(self) -> PathStates:
-        return PathStates(self._crossings.arc, self.start)
+        return PathStates(self._crossings.arc, self._start)
 
     def first_order(self) -> Solution:
         """The solution by small displacements about the reference."""
@@ -169,15 +171,14 @@ class LoadPath:
         path = self._stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
         rest = Rest(self.forcing.time, recorder.t)
-        arguments: dict[str, Any] = {"ended": True, "stability": later, "rest": rest}
-        solution = solution_of(recorder, stats, lambda: end, **arguments)
+        solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later, rest=rest)
         solution.loads_on_nodes = self._loads_on_nodes
         solution.resultants_of_beam = self._lease.reads(solution.resultants_of_beam)
         return solution
 
     def _stability(self, states: list[State], solved) -> PathStability:
-        branches_off = isinstance(self.start, Branch)
-        return PathStability(self.stepper, self._crossings, list(states), solved, branches_off)
+        crossings, branches_off = self._crossings, self._branches_off
+        return PathStability(self.stepper, crossings, list(states), solved, branches_off)
 
     def _name_critical_point(self, error: StepError) -> None:
         """Let an error say that its path fails at a critical point."""
@@ -189,7 +190,7 @@ class LoadPath:
         for point in points:
             # Beyond the last state it is extrapolated.
             advice = f"There is a {point.kind} near load factor {point.load_factor:.4g}. "
-            if point.kind == "bifurcation" and self.start is None and not self.options.spin:
+            if point.kind == "bifurcation" and self.from_rest and not self.options.spin:
                 advice += (
                     "Follow a branch: start=error.solution.critical_points[-1].branch(+1), with "
                     'continuation="arc-length", which also passes the point, with more steps'
@@ -223,13 +224,15 @@ def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:
         )
 
 
-def path_of(solution: Any, scene: Scene) -> LoadPath | None:
+def path_of(solution: object, scene: Scene) -> LoadPath | None:
     """The path of a solution's equilibria, if they are of this scene; else, or of a copy, None."""
     path = getattr(solution, "load_path", None)
     return path if path is not None and path.scene is scene else None
 
 
-def _loads_on_nodes(scene: Scene, start: Any, t: float) -> tuple[list[Any], dict[int, np.ndarray]]:
+def _loads_on_nodes(
+    scene: Scene, start: Start, t: float
+) -> tuple[list[Load], dict[int, np.ndarray]]:
     """Forces on nodes at a time, and forces that fade from a start, as numbers."""
     with suppress(Exception):  # the run says which function fails at its time
         forces = (load for load in scene.loads if load.kind == "force")
@@ -238,7 +241,7 @@ def _loads_on_nodes(scene: Scene, start: Any, t: float) -> tuple[list[Any], dict
     return [], {}
 
 
-def _check_start(options: StaticOptions, scene: Scene, start: Any) -> None:
+def _check_start(options: StaticOptions, scene: Scene, start: Start) -> None:
     """Refuse a start that does not fit the other options, and what cannot turn."""
     if options.spin:
         check_turns(scene, "static: spin")
@@ -275,7 +278,7 @@ def static(
     max_cuts: int = 8,
     max_steps: int = 1000,
     progress: bool | None = None,
-    inputs: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, object] | None = None,
     spin: float = 0.0,
     pivot: Sequence[float] = (0.0, 0.0),
     start: Solution | Branch | None = None,
