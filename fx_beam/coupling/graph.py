@@ -286,7 +286,9 @@ def _free_columns(
     column: np.ndarray, columns: _Columns
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """`Couplings.free_columns` of columns (size,)."""
-    dofs = np.flatnonzero((column >= 0) & (column < columns.free)).astype(np.int32)
+    dofs = np.flatnonzero((column >= 0) & (column < columns.free)).astype(np.int32)[::-1]
+    # Of equal degrees of freedom the last has the column.
+    dofs = dofs[np.unique(column[dofs], return_index=True)[1]]
     slides = np.array([pair for pair in columns.slides.items() if pair[1] < columns.free], int)
     number, slide_columns = slides.reshape(-1, 2).T
     return column[dofs], dofs, slide_columns, number

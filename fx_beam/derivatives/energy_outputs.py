@@ -356,9 +356,8 @@ def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
         y = model.couplings.unknowns(np.diff(states["q"], axis=0), slides)
         means = _with_last(hold[numbers])
         y[:1] = means[:1] = 0.0
-        free_columns, dofs, slide_columns, joints = model.couplings.free_columns
-        dof_of_column = dict(zip(free_columns.tolist(), dofs.tolist(), strict=True))
-        increment_slopes[:, [*dof_of_column.values()]] += means[:, [*dof_of_column]]
+        columns_of_dofs, dofs, slide_columns, joints = model.couplings.free_columns
+        increment_slopes[:, dofs] += means[:, columns_of_dofs]
         slide_slopes[:, joints] += means[:, slide_columns]
         yield of_rows("hold", rows, y / 2, numbers)
         yield of_rows("hold", rows[1:], y[1:] / 2, numbers[:-1])

@@ -87,7 +87,7 @@ class StaticDerivatives:
         if holding_forces.any():
             columns, dofs, _, _ = model.couplings.free_columns
             first = np.zeros(model.reduction.free, int)
-            first[columns[::-1]] = dofs[::-1]
+            first[columns] = dofs
             problem.set(statics={"hold_dof": first, "holds": len(first)})
         self.derivatives = TapeDerivatives(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)

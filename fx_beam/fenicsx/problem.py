@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from mpi4py import MPI
 
@@ -110,8 +109,13 @@ class Problem(Steps):
         comm: MPI.Comm = MPI.COMM_SELF,
     ):
         check_scene(scene, "fenicsx.Problem")
-        choices: dict[str, Any] = {"scheme": scheme, "newton": newton, "max_halvings": max_halvings}
-        options = Options(what="fenicsx.Problem", dt=positive(dt, "dt"), **choices)
+        options = Options(
+            what="fenicsx.Problem",
+            dt=positive(dt, "dt"),
+            scheme=scheme,
+            newton=newton,
+            max_halvings=max_halvings,
+        )
         self._prepared = prepared = Prepared(scene, options)
         super().__init__(prepared.loop, options.newton, petsc_options, comm)
         #: Length of a step [s].

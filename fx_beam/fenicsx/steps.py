@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 from mpi4py import MPI
 
@@ -140,19 +140,21 @@ class Steps:
         return self._form.natural
 
     @natural_strains.setter
-    def natural_strains(self, strains: Any) -> None:
+    def natural_strains(self, strains: Sequence[Expr | float] | None) -> None:
         if not self._equations.model.data.natural:
             raise SceneError(
                 "fenicsx: natural_strains: the scene has none, so that its forms have none. Call "
                 "scene.add_natural_strain(beam, axial=0.0) before the problem is made"
             )
-        if strains is not None:
-            if not isinstance(strains, Expr):
-                strains = [_in_ufl(strain, self.mesh) for strain in strains]
-            strains = ufl.as_vector(strains)
-            expected = "three numbers or expressions in UFL"
-            require(strains.ufl_shape == (3,), "fenicsx: natural_strains", strains, expected)
-        self._form.natural = strains
+        if strains is None:
+            self._form.natural = None
+            return
+        if not isinstance(strains, Expr):
+            strains = [_in_ufl(strain, self.mesh) for strain in strains]
+        vector = ufl.as_vector(strains)
+        expected = "three numbers or expressions in UFL"
+        require(vector.ufl_shape == (3,), "fenicsx: natural_strains", vector, expected)
+        self._form.natural = vector
 
     @property
     def F(self) -> ufl.Form:

@@ -55,7 +55,7 @@ def _takes(function: Callable, name: str) -> bool:
 def create_mesh(comm: MPI.Comm, cells: np.ndarray, X: np.ndarray, element: Element) -> Mesh:
     """A mesh of intervals in the plane, which may branch; each process has a part of its cells."""
     make = dolfinx.mesh.create_mesh
-    options: dict[str, Any] = {"e" if _takes(make, "e") else "domain": ufl.Mesh(element)}
+    options: dict[str, object] = {"e" if _takes(make, "e") else "domain": ufl.Mesh(element)}
     if _takes(make, "max_facet_to_cell_links"):
         options["max_facet_to_cell_links"] = max(2, int(np.bincount(cells[:, :2].ravel()).max()))
     if _takes(make, "ghost_mode"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -74,7 +74,7 @@ def plane(
     shooting: Shooting,
     scale: np.ndarray,
     normal: np.ndarray,
-    place: Any = 0.0,
+    place: np.ndarray | float = 0.0,
     parameter: float = 1.0,
 ) -> Condition:
     """Condition for a start in a plane through the rows of a place, over scales, and a parameter.

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.results.state import State
+from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.state_values import energy_of
 
+_Value = TypeVar("_Value", float, np.ndarray)
 # Change of variables in differences of the energy.
 _STEP = 1e-6
 
@@ -64,7 +65,7 @@ class Variables:
         remembered = {name: _remembered(state, name).ravel() for name in self.inside}
         return self.rows(vars(state) | remembered, remembered)
 
-    def rows(self, arrays: Mapping[str, Any], remembered: Iterable[str]) -> np.ndarray:
+    def rows(self, arrays: Arrays, remembered: Iterable[str]) -> np.ndarray:
         """Rows (..., rows) from arrays by name, with some of what steps remember."""
         y = self.model.couplings.unknowns(arrays["q"], arrays["slides"])
         parts = [y, arrays["v"][..., self._rates], *(arrays[name] for name in remembered)]
@@ -136,13 +137,8 @@ class Variables:
 
     def energy(self, state: State) -> float:
         """Energy of scene and constant loads, zero in the reference configuration [J]."""
-        return energy_of(self.model, state) - float(self._constant_loads @ state.q)
-
-    @cached_property
-    def _constant_loads(self) -> np.ndarray:
-        if not self.model.data.loads.constant:
-            return np.zeros(self.model.size)
-        return self.model.data.loads.at(0.0)
+        energy, loads = energy_of(self.model, state), self.model.data.loads
+        return energy - float(loads.at(0.0) @ state.q) if loads.constant else energy
 
     def slope_of_energy(self, state: State, directions: Directions) -> np.ndarray:
         """Derivatives (n,) of the energy along directions, by differences."""
@@ -153,7 +149,7 @@ class Variables:
         return np.array([derivative(unit) for unit in np.eye(directions.matrix.shape[1])])
 
 
-def slope(function: Callable[[float], Any], h: float) -> Any:
+def slope(function: Callable[[float], _Value], h: float) -> _Value:
     """The derivative at zero, by a central difference."""
     low, high = function(-h), function(h)
     return (high - low) / (2 * h)

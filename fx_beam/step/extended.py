@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
@@ -81,7 +81,7 @@ class Extended:
     S (x, u, h, d, F) = (b, 0, 0, 0, 0) gives T^T A T x = b.
     """
 
-    system: Any
+    system: scipy.sparse.csr_matrix
     places: Places
 
     @classmethod

@@ -14,7 +14,7 @@ C finds them, and derivatives in both directions, as those of a sub-step that is
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,7 +88,7 @@ class FittedRates:
         """
         return self.followed(self.library.VALUES, q, v, slides, driven)
 
-    def followed(self, way: int, *states: np.ndarray, **derivatives: Any) -> Fit:
+    def followed(self, way: int, *states: np.ndarray, **derivatives: object) -> Fit:
         """As `fit`, and derivatives in one `way`, by members of ``Derivatives`` in C."""
         model, n, p = self._model, len(states[0]), self._p
         if self._problem.numbers.data is not model.data:
@@ -126,7 +126,7 @@ class RateDerivatives:
         self._fits, self._states = fits, states
         self.rates = fits.fit(*states).rates
 
-    def _follow(self, way: int, states: np.ndarray, results: np.ndarray, **members: Any) -> None:
+    def _follow(self, way: int, states: np.ndarray, results: np.ndarray, **members: object) -> None:
         fits, rows = self._fits, np.arange(len(self.rates))
         members["states"] = fits.states.members(rows, len(rows), states)
         members["forces"] = fits.results.members(rows, len(rows), results)

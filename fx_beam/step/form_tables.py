@@ -119,7 +119,7 @@ class FormTables:
                 self.rows[name] = np.arange(p.cells * n).reshape(-1, n)
         self._coordinates_of_cells = mesh.coordinates
         #: Data of cells by cells, since forms have them in common.
-        self._shared: dict[bytes, dict[str, np.ndarray]] = {}
+        self._shared: dict[bytes, dict[str, object]] = {}
         #: Numbers of the scene, which C reads here: coordinates with their cells; data of beams;
         #: and load factors where C sets none.
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
@@ -148,7 +148,7 @@ class FormTables:
             self._all_forms.forget_cell_entries()
         return tables
 
-    def of(self, name: str, kernel: Kernel) -> dict[str, Any]:
+    def of(self, name: str, kernel: Kernel) -> dict[str, object]:
         """Forms of a kernel; `name` is that of the form that takes longest to compile."""
         p, data, fields = self._problem, self._forms.data, self._forms.data.moving
         form, cells = kernel.forms[0], kernel.forms[0].cells
@@ -188,20 +188,20 @@ class FormTables:
             **(parameter_members if first >= 0 else {"parameter": None}),
         }
 
-    def _data_of(self, cells: np.ndarray) -> dict[str, np.ndarray]:
+    def _data_of(self, cells: np.ndarray) -> dict[str, object]:
         """Data of some cells, by their names in C."""
         if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
         stored_at = self._storage.stored_at[self._all_forms.cell_entries[cells]]
         first_free = self._problem.tangent.stored
-        data: dict[str, Any] = dict.fromkeys(_NOT_ALWAYS + _OF_THREADS)
+        data: dict[str, object] = dict.fromkeys(_NOT_ALWAYS + _OF_THREADS)
         data |= {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
         data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._problem.dofs)}
         if self._piece:
             data |= in_colours(nodes, self._piece)
-        data["coordinates"] = self._in_plane(self._coordinates_of_cells[cells])
-        self._coordinates.append((cells, data["coordinates"]))
+        data["coordinates"] = coordinates = self._in_plane(self._coordinates_of_cells[cells])
+        self._coordinates.append((cells, coordinates))
         if self._problem.system.chain:
             rows = rows_of_nodes(stored_at, first_free, self._lanes)
             data |= rows | {"run": self._blocks(rows["run"], first_free)}
@@ -302,7 +302,7 @@ def in_lanes(rows: np.ndarray, lanes: int, first_free: int | None = None) -> np.
     return placed
 
 
-def in_colours(nodes: np.ndarray, size: int) -> dict[str, Any]:
+def in_colours(nodes: np.ndarray, size: int) -> dict[str, object]:
     """Pieces of so many cells with `nodes` (cells, n), by colours, and their names in C.
 
     Pieces of a colour have no node in common.

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.c_library import array_at
-from fx_beam.content_cache import cached_property
 from fx_beam.dual import floats
 from fx_beam.laws.interval import Interval
 from fx_beam.results.records import Stats
@@ -64,6 +63,10 @@ class LoadLoop(CompiledLoop):
         self._one_row.up_to_row = self.problem.ffi.from_buffer("int[]", self._row)
         # Dead forces at the end and their mean, and natural strains, for C.
         self._given_forces = [*self.problem.given()]
+        #: The equations of load steps, which have the arrays of the loop.
+        self.equations = Equations(
+            model, forcing.time, forcing.turning, forcing.natural, self.problem
+        )
 
     @property
     def drag(self) -> float:
@@ -73,12 +76,6 @@ class LoadLoop(CompiledLoop):
     @drag.setter
     def drag(self, drag: float) -> None:
         self.problem.set(statics={"viscosity": drag})
-
-    @cached_property
-    def equations(self) -> Equations:
-        """The equations of load steps, which have the arrays of the loop."""
-        forcing = self.forcing
-        return Equations(self.model, forcing.time, forcing.turning, forcing.natural, self.problem)
 
     def record(self, state: State, recorder: Recorder) -> None:
         """Record a state in the next row of a recorder.

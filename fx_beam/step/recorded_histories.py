@@ -58,7 +58,7 @@ class RecordedHistories(Mapping):
     ):
         self._model, self._rows, self._turns = model, rows, turns
         self._fitted_rows, self._t_level, self._impact = fitted, t_level, impact
-        self._known: dict[str, Any] = {"t": t}
+        self._known: dict[str, object] = {"t": t}
         self._late_accelerations = late_accelerations
 
     def __getitem__(self, name: str) -> Any:
@@ -115,7 +115,7 @@ class RecordedHistories(Mapping):
             self._late_accelerations = None
         return (self._fitted if name in _FITTED else self._rows)[name]
 
-    def _made(self, name: str) -> Any:
+    def _made(self, name: str) -> object:
         if name == "t_level":
             return self._t_level()
         if name == "energy":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class Reversal(NamedTuple):
     #: Force that limits the friction of a joint, as the mean of both sub-steps.
     force: float
 
-    def rows(self, lengths: np.ndarray) -> Iterator[tuple[int, dict[str, Any]]]:
+    def rows(self, lengths: np.ndarray) -> Iterator[tuple[int, dict[str, object]]]:
         """Sub-steps with their members of the C struct Reversal.
 
         The slip rate at the reversal is extrapolated from the last two sub-steps with slip. Its
@@ -56,7 +56,11 @@ class Reversal(NamedTuple):
         still = range(last + 1, max(last + 2, self.next))
         middle = still[len(still) // 2]
         for k in still:
-            row = {"place": place, "stretch": _FAR * self.sign, "force": self.force}
+            row: dict[str, object] = {
+                "place": place,
+                "stretch": _FAR * self.sign,
+                "force": self.force,
+            }
             row["share"] = 2 * part - 2 if len(still) == 1 else 0.0
             if k < middle:
                 row["keeps"] = 1.0
@@ -85,7 +89,7 @@ def histories_of(tape: Tape, problem: Problem, places: np.ndarray) -> np.ndarray
 
 def reversal_rows(
     bristles: Sequence[Bristle], histories: np.ndarray, lengths: np.ndarray
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Members of the C struct Derivatives, from `all_places` (n + 1, ...) over n sub-steps."""
     rows = [
         row

@@ -49,7 +49,7 @@ class Tape:
     def __init__(self, problem: Problem, limit: float = LIMIT):
         self.problem = problem
         #: The C struct Tape.
-        self.c: Any = problem.ffi.new("Tape *")
+        self.c = problem.ffi.new("Tape *")
         self.c.size = problem.library.fx_tape_size(problem.c)
         self._checkpoints = Checkpoints(problem, limit)
         #: Number of steps between two checkpoints: their rows need half of the memory.

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Set
-from typing import Any
+from collections.abc import Callable, Iterator, Set
 
 import numpy as np
 
@@ -17,15 +16,15 @@ from fx_beam.fem.scene_data import Data
 
 from .build import begin_to_build
 from .form_tables import aligned_zeros
-from .layout import Layout, Numbers, all_of, never_empty, put_columns
+from .layout import Arrays, Layout, Numbers, all_of, never_empty, put_columns
 from .model import Model
 from .reversals import LEAST_STEPS, all_places, histories_of, reversal_rows
 from .tables import Problem
 from .tape import Part, Tape
-from .vjp_work import VjpWork
+from .vjp_work import Members, VjpWork
 
 #: Weights by name, the numbers of their rows, and those of sub-steps of forces.
-Weights = tuple[Mapping[str, np.ndarray], np.ndarray, np.ndarray]
+Weights = tuple[Arrays, np.ndarray, np.ndarray]
 _NONE = np.empty(0, dtype=int)
 
 
@@ -100,7 +99,7 @@ class TapeDerivatives:
         shares: np.ndarray,
         equation_rows: np.ndarray,
         end_rows: np.ndarray,
-        state_entries: Any,
+        state_entries: np.ndarray,
         names: Set[str],
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Derivatives of a sum of weights times residuals and configurations at ends of load steps.
@@ -131,8 +130,8 @@ class TapeDerivatives:
         tape: Tape,
         weights_of: Callable[[Part], Weights],
         names: Set[str],
-        entries: Mapping[str, np.ndarray] | None = None,
-    ) -> dict[str, Any]:
+        entries: Arrays | None = None,
+    ) -> dict[str, np.ndarray]:
         """Derivatives by the numbers of the scene that have some `names`.
 
         `weights_of` gives the weights of each part of the tape, the last one first, whose state is
@@ -181,11 +180,9 @@ class TapeDerivatives:
         skip = {"Y", "member places", *(work.array for work in self._works)}
         numbers = {name: all_of(rows_of[name]) for name in self.layout.numbers if name not in skip}
         columns, dofs, slide_columns, joints = model.couplings.free_columns
-        # Of equal degrees of freedom the last has the column, as in `Couplings.unknowns`.
-        last = dict(zip(columns.tolist(), dofs.tolist(), strict=True))
         driven, first = rows_of["Y"][p.free : p.free + p.driven], len(model.prescribed)
-        q_places = np.append(rows_of["Y"][np.array([*last], int)], driven[:first])
-        q_dofs = np.append(np.array([*last.values()], int), model.prescribed)
+        q_places = np.append(rows_of["Y"][columns], driven[:first])
+        q_dofs = np.append(dofs, model.prescribed)
         X = np.arange(model.mesh.X.size).reshape(model.mesh.X.shape)
         places = [(rows_of["member places"][model.mesh.dofs[:, :2]], X)]
         for work in self._works:
@@ -207,7 +204,7 @@ class TapeDerivatives:
     def jvp(
         self,
         tape: Tape,
-        changes: Mapping[str, np.ndarray],
+        changes: Arrays,
         rows: np.ndarray,
         sub_steps: np.ndarray = _NONE,
     ) -> dict[str, np.ndarray]:
@@ -228,9 +225,9 @@ class TapeDerivatives:
     def jvp_parts(
         self,
         tape: Tape,
-        changes: Mapping[str, np.ndarray],
+        changes: Arrays,
         rows_of: Callable[[Part], tuple[np.ndarray, np.ndarray]],
-        entries: Mapping[str, np.ndarray] | None = None,
+        entries: Arrays | None = None,
     ) -> Iterator[dict[str, np.ndarray]]:
         """Changes of states and forces of each part of the tape, with its rows and sub-steps.
 
@@ -256,7 +253,7 @@ class TapeDerivatives:
     def jvp_of_equations(
         self,
         tape: Tape,
-        changes: Mapping[str, np.ndarray],
+        changes: Arrays,
         unknown_values: np.ndarray | None,
         rows: np.ndarray,
         shares: np.ndarray,
@@ -282,7 +279,7 @@ class TapeDerivatives:
         return force_rows, end_rows
 
     def _begin_jvp(
-        self, changes: Mapping[str, np.ndarray], x: np.ndarray, steps: np.ndarray, **members: Any
+        self, changes: Arrays, x: np.ndarray, steps: np.ndarray, **members: object
     ) -> Structs:
         """Hand over changes of all numbers, in groups; returns the owner of their memory."""
         structs = Structs(self.problem.ffi)
@@ -293,7 +290,7 @@ class TapeDerivatives:
         structs.set(self.c, of_steps=never_empty(steps), x=x, changes_mass=masses, **members)
         return structs
 
-    def _follow(self, way: str, tape: Tape, states: dict[str, Any], forces: dict[str, Any]) -> None:
+    def _follow(self, way: str, tape: Tape, states: Members, forces: Members) -> None:
         """Follow the sub-steps on the tape, with members for rows of states and of forces."""
         structs = Structs(self.problem.ffi)
         structs.set(self.c, states=states, forces=forces)
@@ -338,9 +335,7 @@ class TapeDerivatives:
         self._structs.set(self.c, scratch=aligned_zeros(room))
 
 
-def _changes_of_steps(
-    layout: Layout, changes: Mapping[str, np.ndarray], count: int, rows: int
-) -> np.ndarray:
+def _changes_of_steps(layout: Layout, changes: Arrays, count: int, rows: int) -> np.ndarray:
     """Changes of the numbers of sub-steps in groups (groups, rows * step_size, group size)."""
     steps = layout.groups(count, rows * layout.step_size)
     for name in changes.keys() & layout.steps.keys():

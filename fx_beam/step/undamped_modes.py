@@ -5,7 +5,6 @@ from __future__ import annotations
 import bisect
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -63,7 +62,12 @@ class UndampedModes:
     unknowns of the system have vectors as well; `massive` are the unknowns (free,) with mass.
     """
 
-    def __init__(self, K: Any, M: Any, massive: np.ndarray | None = None):
+    def __init__(
+        self,
+        K: scipy.sparse.csr_matrix | Extended,
+        M: scipy.sparse.csr_matrix | Extended,
+        massive: np.ndarray | None = None,
+    ):
         if not isinstance(K, Extended):
             K, M = (Extended.plain(matrix) for matrix in (K, M))
         K = K.with_data(K.system.data * (abs(K.system.data) > _TINY))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -15,6 +14,8 @@ from .form_tables import Kernel, in_lanes
 from .layout import Layout
 from .tables import Problem
 
+#: Members of a struct in C by name.
+Members = dict[str, object]
 # Arrays of `Layout` and rows of `FormTables` of numbers that elements have in common, by the names
 # of derivatives; other numbers are of each element.
 _IN_COMMON = {
@@ -44,14 +45,14 @@ class VjpWork:
         nodal = dict.fromkeys(("increment", "start"), problem.c.mesh.cell_dofs)
         self._sizes = nodal | self._slopes.sizes(name)
         self._local = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
-        self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, dict[str, Any]]] = {}
+        self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, Members]] = {}
 
-    def first_members(self) -> dict[str, Any]:
+    def first_members(self) -> Members:
         """Members of ``Vjp`` of c/problem.h that the layout of the vector needs."""
         has_previous = int("q_previous" in self._sizes)
         return {"of_element": sum(self._local.values()), "q_previous": has_previous}
 
-    def compiled(self, has_places: bool) -> tuple[list[tuple[str, int]], Kernel, dict[str, Any]]:
+    def compiled(self, has_places: bool) -> tuple[list[tuple[str, int]], Kernel, Members]:
         """Names of derivatives, each by a weight, and their forms, also as a table for C."""
         if has_places not in self._compiled:
             slopes = self._slopes.jacobians(self.array, has_places)
@@ -60,7 +61,7 @@ class VjpWork:
             self._compiled[has_places] = [*slopes][1:], kernel, table  # behind the work
         return self._compiled[has_places]
 
-    def members(self, layout: Layout, has_places: bool) -> dict[str, Any]:
+    def members(self, layout: Layout, has_places: bool) -> Members:
         """The other members; without derivatives by places of nodes if they are not wanted."""
         slopes, kernel, table = self.compiled(has_places)
         ends = {weight: i for i, (name, weight) in enumerate(slopes) if name == "increment"}
@@ -122,6 +123,6 @@ class VjpWork:
         return [layout.at[array][self._tables.rows[kind]] for array, kind in pairs]
 
 
-def _starts(sizes: Any) -> list[int]:
+def _starts(sizes: Iterable[int]) -> list[int]:
     """Where parts of some sizes begin that stand behind each other, and where the last one ends."""
     return [0, *itertools.accumulate(sizes)]
