@@ -12,7 +12,7 @@ import itertools
 import operator
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +56,7 @@ def expressions_of(scene: Scene) -> Iterator[tuple[str, object]]:
 _NUMBERS = "_gravity", "prescribed", "masses", "parameters"
 # Kinds of values that are compared as they are; and of plain numbers.
 _PLAIN = {float, DualFloat, int, bool, str, type(None)}
-_SCALARS, _SEQUENCES = _PLAIN - {type(None)}, (list, tuple)
+_SCALARS, _NODES = _PLAIN - {type(None)}, {Node}
 # What follows from the rest of a scene.
 _DERIVED = {"nodes", "_couplings", "changes", "array_calls"}
 
@@ -69,11 +69,8 @@ class OtherStructureError(Exception):
     """A scene cannot use what was set up for another one; the message says why."""
 
 
-class _Form(NamedTuple):
+class _Form(tuple):
     """The structure of a part of a scene: its kind, and the forms of its attributes."""
-
-    kind: type
-    parts: list[object]
 
 
 class Structure:
@@ -109,9 +106,9 @@ def _difference(form: object, known: object) -> str:
         if len(form) != len(known):
             return " has another length"
         names = [f"[{i}]" for i in range(len(form))]
-    elif isinstance(form, _Form) and isinstance(known, _Form) and form.kind is known.kind:
-        names = [f".{name}" for kind_names in _fields(form.kind) or () for name in kind_names]
-        form, known = form.parts, known.parts
+    elif isinstance(form, _Form) and isinstance(known, _Form) and form[0] is known[0]:
+        names = [f".{name}" for kind_names in _fields(form[0]) or () for name in kind_names]
+        form, known = form[1:], known[1:]
     else:
         return " differs"
     pairs = zip(names, form, known, strict=True)
@@ -133,37 +130,32 @@ def _form(value: object, known_forms: dict[int, _Form]) -> object:
     kind: Any = type(value)
     if kind in _PLAIN:
         return value
-    if isinstance(value, _SEQUENCES):
-        kinds = {*map(type, value)}
-        if kinds == {Node}:
-            return [*map(_NUMBER, value)]
-        return [*value] if kinds <= _PLAIN else [_form(part, known_forms) for part in value]
     if isinstance(value, Node):
         return value.number
     if (names := _fields(kind)) is not None:
-        if id(value) not in known_forms:
-            known_forms[id(value)] = _Form(kind, _forms_of_fields(value, *names, known_forms))
-        return known_forms[id(value)]
-    if isinstance(value, dict):
-        return [(key, _form(part, known_forms)) for key, part in value.items()]
+        if (form := known_forms.get(id(value))) is None:
+            values, (structure, numbers) = vars(value), names
+            parts = [
+                part if type(part := values[name]) in _PLAIN else _form(part, known_forms)
+                for name in structure
+            ]
+            for name in numbers:
+                number = values[name]
+                is_one = type(number) in _SCALARS or callable(number)
+                parts.append(() if is_one else _form_of_number(number))
+            form = known_forms[id(value)] = _Form((kind, *parts))
+        return form
+    if isinstance(value, list | tuple):
+        kinds = {*map(type, value)}
+        if kinds == _NODES:
+            return [*map(_NUMBER, value)]
+        return [*value] if kinds <= _PLAIN else [_form(part, known_forms) for part in value]
     if isinstance(value, set | np.ndarray):
         return frozenset(value) if isinstance(value, set) else value.tolist()
+    if isinstance(value, dict):
+        return [(key, _form(part, known_forms)) for key, part in value.items()]
     # A function that is not listed is always another one.
     return object() if callable(value) else value
-
-
-def _forms_of_fields(
-    part: object, structure: list[str], numbers: list[str], known_forms: dict[int, _Form]
-) -> list[object]:
-    """Forms of fields of a dataclass, those that are structure first."""
-    forms = [
-        x if type(x := getattr(part, name)) in _PLAIN else _form(x, known_forms)
-        for name in structure
-    ]
-    return forms + [
-        () if type(x := getattr(part, name)) in _SCALARS or callable(x) else _form_of_number(x)
-        for name in numbers
-    ]
 
 
 @functools.cache

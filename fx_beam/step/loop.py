@@ -73,8 +73,19 @@ class CompiledLoop:
         `completed` counts the parts that were taken, and gives the number of whole steps.
         """
         p, ends, inputs = self.problem.c, steps.ends, steps.inputs
+        number = inputs.steps
         with self.whole:
-            if count := self._run(state, steps, recorder):
+            self.state.load(state)
+            record = self.records.next(recorder, len(ends), steps.first, steps.parts, steps.done)
+            tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
+            if tape is not None:
+                count = self._run_taped(tape, steps, state.t, record)
+            else:
+                c_inputs, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
+                count = self._steps(number, state.t, steps.dt, c_inputs, record, limits)
+            recorder.rows, recorder.starts.count = record.rows, record.starts
+            self.count()
+            if count:
                 state = self.state.present = self.state.read(float(ends[count - 1]))
                 self.stats.steps += completed(count)
                 recorder.end = state
@@ -88,7 +99,7 @@ class CompiledLoop:
             failed=failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
             switched=switched,
             switches=self.problem.sides[1].copy() if steps.watch and (count or switched) else None,
-            error=inputs.error if count == inputs.steps else None,
+            error=inputs.error if count == number else None,
         )
 
     def record(self, state: State, recorder: Recorder) -> None:
@@ -101,21 +112,6 @@ class CompiledLoop:
         problem.library.fx_run(problem.c, 0, state.t, 0.0, none, none, record)
         recorder.rows, recorder.starts.count = record.rows, record.starts
         self.state.present = state
-
-    def _run(self, state: State, steps: Steps, recorder: Rows) -> int:
-        """Number of steps or parts of equal length that succeeded."""
-        self.state.load(state)
-        inputs, number, dt = steps.inputs, len(steps.ends), steps.dt
-        record = self.records.next(recorder, number, steps.first, steps.parts, steps.done)
-        tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
-        if tape is not None:
-            count = self._run_taped(tape, steps, state.t, record)
-        else:
-            c_inputs, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
-            count = self._steps(inputs.steps, state.t, dt, c_inputs, record, limits)
-        recorder.rows, recorder.starts.count = record.rows, record.starts
-        self.count()
-        return count
 
     def _steps(
         self, number: int, t: float, dt: float, c_inputs: Any, record: Any, limits: Any = None
@@ -153,9 +149,10 @@ class CompiledLoop:
     def _run_taped(self, tape: Tape, steps: Steps, t: float, record: Any) -> int:
         """Number of steps that succeeded, on a tape with the state before every so many steps."""
         total, inputs, times = 0, steps.inputs, np.concatenate([[t], steps.ends])
-        while total < inputs.steps:
+        number = inputs.steps
+        while total < number:
             rest = inputs.after(total) if total else inputs
-            count = min(tape.most_steps, inputs.steps - total)
+            count = min(tape.most_steps, number - total)
             count -= (
                 (record.part + count) % record.parts if count > record.parts else 0
             )  # whole steps

@@ -12,7 +12,6 @@ from fx_beam.results.state import State
 
 from .loop import CompiledLoop, Steps, StepsResult
 from .recorder import NullRecorder, Rows
-from .step_inputs import StepInputs
 from .substeps import Halving
 
 if TYPE_CHECKING:
@@ -61,51 +60,37 @@ class Stepper:
         self, state: State, times: np.ndarray, dt: float, first: int, recorder: Rows
     ) -> State:
         """State after steps of the length dt [s]."""
-        loop, halving, t0 = self.loop, self.halving, state.t
-        inputs, done = loop.inputs_ahead(state.t, times), 0
+        loop, halving, stats, t0 = self.loop, self.halving, self.stats, state.t
+        inputs, done = loop.inputs_ahead(t0, times), 0
         while done < len(times):
-            ends, step_inputs = times[done:], inputs
+            ends, part_inputs, parts = times[done:], inputs, halving.parts
             if halving.times:
-                grid = np.concatenate([[t0], times])
-                ends = halving.ends(grid[done:])
-                step_inputs = loop.inputs_ahead(state.t, ends)
-            result, steps = self._take(state, ends, dt, step_inputs, first + done, recorder)
+                ends = halving.ends(np.append(t0, times)[done:])
+                part_inputs = loop.inputs_ahead(state.t, ends)
+            before = stats.steps
+            steps = Steps(ends, dt / parts, part_inputs, first + done, halving.done, parts)
+            result = loop.take(state, steps, recorder, self._completed)
+            state, error, steps_done = result.state, result.error, stats.steps - before
+            done += steps_done
             if result.failed:
                 loop.state.past = None
                 if not halving.fail():
-                    end = halving.ends(np.concatenate([[t0], times])[done + steps :])[0]
-                    raise self.error(result.state, end)
-                self.stats.halvings += 1
-            state, done = result.state, done + steps
+                    raise self.error(state, halving.ends(np.append(t0, times)[done:])[0])
+                stats.halvings += 1
+            if error is not None:
+                raise error
             if done < len(times):
-                inputs = inputs.after(steps)
-            if result.error is not None:
-                raise result.error
+                inputs = inputs.after(steps_done)
         return state
 
-    def _take(
-        self,
-        state: State,
-        ends: np.ndarray,
-        dt: float,
-        inputs: StepInputs,
-        first: int,
-        recorder: Rows,
-    ) -> tuple[StepsResult, int]:
-        """Outcome of steps of the length dt or parts, and the number that are complete."""
-        halving, loop = self.halving, self.loop
-        parts, steps_before = halving.parts, self.stats.steps
-
-        def completed(count: int) -> int:
-            whole = halving.take(count)
-            if halving.parts != parts:
-                # Where steps fail, predictions from steps of another length lead astray.
-                loop.state.past = None
-            return whole
-
-        steps = Steps(ends, dt / parts, inputs, first, halving.done, parts)
-        result = loop.take(state, steps, recorder, completed)
-        return result, self.stats.steps - steps_before
+    def _completed(self, count: int) -> int:
+        """Number of whole steps that parts of steps complete, which are counted."""
+        halving, times = self.halving, self.halving.times
+        whole = halving.take(count)
+        if halving.times != times:
+            # Where steps fail, predictions from steps of another length lead astray.
+            self.loop.state.past = None
+        return whole
 
     # -- Steps whose local errors are controlled --------------------------------------------------
 
