@@ -81,7 +81,7 @@ class Entries(NamedTuple):
         moves = self.value_at > 0
         joint, part = np.divmod(self.value_at[moves] - 1, 4)  # see `Couplings.arm_joints`
         arm, count = 2 * joint + part % 2, self.value_at.max(initial=1)  # which is larger
-        return np.divmod(np.unique(self.row[moves] * count + arm), count)
+        return np.divmod(np.unique(self.row[moves].astype(int) * count + arm), count)
 
     def starts(self, rows: int) -> np.ndarray:
         """Where the entries of each of so many sums begin, and the last ones end."""

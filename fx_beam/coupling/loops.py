@@ -33,6 +33,8 @@ from .sliders import Slide, Sliders
 
 # Closure that is left, relative to the size of the scene.
 _CLOSED = 1e-15
+# Numbers of an elimination for which there is always room, for each of the closures' derivatives.
+_FILL = 8
 
 
 class Loops:
@@ -121,12 +123,14 @@ class Loops:
         near = np.empty(couplings.columns, dtype=int)
         near[self.columns] = np.arange(len(self.columns))
         arms_at_rest = [joint.arm if joint.place is None else joint.apart for joint in arm_joints]
-        sizes, widths = map(np.diff, self._block_starts)
+        parts = [
+            self._near[closures][:, self.unknowns[unknowns]] for closures, unknowns in self.blocks
+        ]
         return {
             "closures": len(self),
             "columns": len(self.columns),
-            "blocks": len(sizes),
-            "pivoting_size": int((sizes * widths).max()),
+            "blocks": len(parts),
+            "pivoting_size": max(_FILL * part.nnz + part.shape[1] for part in parts),
             "column": self.columns,
             "unit": self.unit[self.unknowns],
             "following": np.zeros(len(self), dtype=int),
@@ -142,7 +146,7 @@ class Loops:
             "auxiliary_start": starts_of([len(part) for part in self._auxiliaries]),
             "block_closure": self._block_starts[0],
             "block_column": self._block_starts[1],
-            "block_part": starts_of(sizes**2),
+            "block_part": starts_of([_most_in_band(part) for part in parts]),
             "arm_at_rest": np.array(arms_at_rest).reshape(-1, 2),
             "length": self.lengths,
             "closed": _CLOSED * self.size,
@@ -183,6 +187,24 @@ class Loops:
         """
         inner = np.setdiff1d(np.arange(len(self.unit)), self._sliders.outside)
         return positions_in(*pattern, inner, inner), self.unit[inner] / self.size
+
+
+def _most_in_band(depends: scipy.sparse.csr_matrix) -> int:
+    """Most numbers of the factors of closures by those columns that follow, or of the transpose.
+
+    The closures are m of n columns: of the columns before one, as many follow as there are closures
+    that depend on none but these, or more, and behind it likewise.
+    """
+    m, n = depends.shape
+    entries = depends.tocoo()
+    first, last = np.full(m, n), np.full(m, -1)
+    np.minimum.at(first, entries.row, entries.col)
+    np.maximum.at(last, entries.row, entries.col)
+    least = np.cumsum(np.bincount(last + 1, minlength=n + 1))[entries.col]
+    behind = np.cumsum(np.bincount(first, minlength=n + 1)[::-1])[::-1][entries.col + 1]
+    lower = (entries.row - least).max(initial=0)
+    upper = (m - 1 - behind - entries.row).max(initial=0)
+    return int(m * min(m, lower + upper + max(lower, upper) + 1))
 
 
 def _ends(closure: Closure) -> tuple[int, int]:

@@ -208,7 +208,7 @@ class Sliders:
         """
         column, (row_of, unknown_of) = self._couplings.column[slide.dofs], self._couplings.system
         index = np.where(column >= 0, unknown_of[column], -1)
-        position = np.searchsorted(self._given, row_of[column] * self._size + index)
+        position = np.searchsorted(self._given, row_of[column].astype(int) * self._size + index)
         alone = (index >= 0) & (column < self._couplings.free)
         return np.where(alone, column, -1), np.where(index >= 0, position, -1)
 

@@ -134,51 +134,69 @@ static int take_row(SparseRow *row, int pivot, double *number, int *column) {
   return count;
 }
 
-/* Chooses the unknowns that follow, block by block: of each row of G the largest entry, after those before are eliminated;
-   returns 0 in a singular position. */
+/* Rows by which others are eliminated, the pivot of each first; in `own` memory if they need more room than Work has. */
+typedef struct { double *number, *own; int *column; long room; } PivotRows;
+
+static void make_room(PivotRows *rows, long used, long more) {
+  if (used + more <= rows->room) return;
+  rows->room = 2 * (used + more);
+  double *number = malloc(rows->room * (sizeof(double) + sizeof(int)));
+  int *column = memcpy(number + rows->room, rows->column, used * sizeof(int));
+  memcpy(number, rows->number, used * sizeof(double));
+  free(rows->own);
+  rows->number = rows->own = number, rows->column = column;
+}
+
+/* Chooses the unknowns of a block that follow: of each row of G the largest entry, after those before are eliminated. Returns the
+   least of these relative to the largest entry of G, or 0. */
+static double choose_in_block(const Problem *p, const Work *w, int begin, int m, SparseRow *row, PivotRows *rows) {
+  double most = 0, least = HUGE_VAL;
+  int *row_start = w->pivot_row;
+  for (int i = row_start[0] = 0; i < m; ++i) {
+    double size = 0, length = p->loops.length[begin + i];
+    int column = -1;
+    for (int k = p->loops.start[begin + i]; k < p->loops.start[begin + i + 1]; ++k) {
+      int near = p->loops.near[k];
+      double number = w->G[k] * p->loops.unit[near];
+      if (p->loops.column[near] >= p->free) continue;
+      *entry_of(row, near) = number, most = fmax(most, fabs(number) * length);
+    }
+    for (int before = -1, k; (k = next_pivot(row, w->follows, before)) >= 0; before = k) {
+      int first = row_start[k], pivot = rows->column[first];
+      double factor = row->number[pivot] / rows->number[first];
+      for (int e = first; e < row_start[k + 1]; ++e) *entry_of(row, rows->column[e]) -= factor * rows->number[e];
+      row->number[pivot] = 0;
+    }
+    for (int k = 0; k < row->count; ++k) {
+      int j = row->column[k];
+      double now = fabs(row->number[j]);
+      if (now > size || (now == size && now > 0 && j < column)) size = now, column = j;
+    }
+    make_room(rows, row_start[i], row->count + 1);
+    row_start[i + 1] = row_start[i] + take_row(row, column < 0 ? 0 : column, rows->number + row_start[i], rows->column + row_start[i]);
+    if (column < 0) return 0;
+    least = fmin(least, size * length);
+    p->loops.following[begin + i] = column, w->follows[column] = i;
+  }
+  return least / most; /* of all: it must not depend on the order of closures */
+}
+
+/* Chooses the unknowns that follow, block by block; returns 0 in a singular position. */
 static int choose_following(const Problem *p, const Work *w) {
   SparseRow row = {w->closure_row, 0, w->touched, w->touched + p->loops.columns};
+  PivotRows rows = {w->pivoting, 0, w->pivot_column, p->loops.pivoting_size};
+  int regular = 1;
   memset(row.is_in, 0, p->loops.columns * sizeof(int));
   for (int j = 0; j < p->loops.columns; ++j) w->follows[j] = -1;
   for (int b = 0; b < p->loops.blocks; ++b) {
-    int begin = p->loops.block_closure[b], m = p->loops.block_closure[b + 1] - begin;
-    int from = p->loops.block_column[b], n = p->loops.block_column[b + 1] - from, *row_start = w->pivot_row;
-    double *length = p->loops.length + begin, most = 0, least = HUGE_VAL;
-    for (int i = row_start[0] = 0; i < m; ++i) {
-      double size = 0;
-      int column = -1;
-      for (int k = p->loops.start[begin + i]; k < p->loops.start[begin + i + 1]; ++k) {
-        int near = p->loops.near[k];
-        double number = w->G[k] * p->loops.unit[near];
-        if (p->loops.column[near] >= p->free) continue;
-        *entry_of(&row, near) = number, most = fmax(most, fabs(number) * length[i]);
-      }
-      for (int before = -1, k; (k = next_pivot(&row, w->follows, before)) >= 0; before = k) {
-        int first = row_start[k], pivot = w->pivot_column[first];
-        double factor = row.number[pivot] / w->pivoting[first];
-        for (int e = first; e < row_start[k + 1]; ++e) *entry_of(&row, w->pivot_column[e]) -= factor * w->pivoting[e];
-        row.number[pivot] = 0;
-      }
-      for (int k = 0; k < row.count; ++k) {
-        int j = row.column[k];
-        double now = fabs(row.number[j]);
-        if (now > size || (now == size && now > 0 && j < column)) size = now, column = j;
-      }
-      if (column < 0) {
-        take_row(&row, 0, w->pivoting, w->pivot_column);
-        return 0;
-      }
-      least = fmin(least, size * length[i]);
-      p->loops.following[begin + i] = column, w->follows[column] = i;
-      row_start[i + 1] = row_start[i] + take_row(&row, column, w->pivoting + row_start[i], w->pivot_column + row_start[i]);
-    }
-    if (least <= LEAST_PIVOT * most) return 0; /* not before: it must not depend on the order of closures */
+    int begin = p->loops.block_closure[b], end = p->loops.block_closure[b + 1];
+    if (!(regular = !(choose_in_block(p, w, begin, end - begin, &row, &rows) <= LEAST_PIVOT))) break;
     /* In the order of their columns, near to the diagonal. */
     int *lower = w->band + 2 * b, *upper = lower + 1;
-    for (int j = from, k = begin; j < from + n; ++j)
+    for (int j = p->loops.block_column[b], k = begin; j < p->loops.block_column[b + 1]; ++j)
       if (w->follows[j] >= 0) p->loops.following[k] = j, w->follows[j] = k++;
     *lower = *upper = 0;
-    for (int i = begin; i < begin + m; ++i)
+    for (int i = begin; i < end; ++i)
       for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k) {
         int beside = w->follows[p->loops.near[k]] - i;
         if (w->follows[p->loops.near[k]] < 0) continue;
@@ -186,7 +204,8 @@ static int choose_following(const Problem *p, const Work *w) {
         if (beside > *upper) *upper = beside;
       }
   }
-  return 1;
+  free(rows.own);
+  return regular;
 }
 
 /* Rows of a block of closures, or of their transpose, by the unknowns that follow. */

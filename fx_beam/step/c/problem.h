@@ -203,7 +203,7 @@ typedef struct {
      which they depend, in the order in which these are collected; which of the loops' columns they have. */
   int *entry_start, *entry_column, *entry_value; double *entry_sign; int *auxiliary_start, *auxiliary; int *start, *near;
   /* Columns of the scene and their units; arms in the reference; what makes lengths of closures, as some are angles; length of a
-     closed one; [blocks + 1] where each begins, the last in its factors; size of an array of Work; [closures] the loops' columns
+     closed one; [blocks + 1] where each begins, the last in its factors; room for rows of an elimination in Work; [closures] the loops' columns
      that depend on the others, chosen in each step. */
   int *column; double *unit, *arm_at_rest, *length, closed;
   int *block_closure, *block_column, *block_part, pivoting_size, *following;
