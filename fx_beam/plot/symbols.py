@@ -364,7 +364,7 @@ def _draw_to_ground(lines: dict, drawing: Drawing, force: GroundSpring, k: int) 
     """Add what holds a node or a beam to the ground, with walls."""
     size, parts = drawing.size, [part for part in _AROUND if getattr(force.on, part) is not None]
     if force.direction is None:
-        centre = drawing.positions(force.target.number, k)
+        centre = drawing.positions(force.nodes[0], k)
         for part in parts:
             symbol = centre + _SPRING_WIDTH * size * _AROUND[part]
             lines[part].append(symbol)

@@ -278,7 +278,7 @@ class BeamPlace:
         return shares[0], slopes[0]
 
 
-def checked_degree(degree: Any, beams: Sequence[Beam], name: str) -> int:
+def checked_degree(degree: int, beams: Sequence[Beam], name: str) -> int:
     """Degree of a new beam; SceneError if other beams have another degree."""
     require(is_whole(degree, 1, 3), f"{name}: degree", degree, "1, 2 or 3")
     if beams and degree != beams[0].degree:
@@ -396,7 +396,7 @@ def polyline(
     return _polyline(points, elements, name)
 
 
-def _plain(points: Any) -> tuple | None:
+def _plain(points: object) -> tuple | None:
     """Positions for `_known`: Python's numbers, with nodes at most at both ends; else None."""
     if type(points) is not list or len(points) < 2:
         return None
@@ -438,7 +438,7 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
     return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
 
 
-def listed_points(points: Any, name: str) -> tuple[list, np.ndarray]:
+def listed_points(points, name: str) -> tuple[list, np.ndarray]:
     """Points of a beam as a list, and their positions (n, 2) [m]; SceneError for what is none."""
     try:
         # Rows of tables count by labels, not from 0.

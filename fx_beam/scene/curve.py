@@ -16,7 +16,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.chebyshev import Chebyshev, chebder, chebint, chebpts1, chebpts2, chebvander
@@ -89,7 +89,7 @@ class Curve:
     (4.591, True)
     """
 
-    function: Callable[[float], Any]
+    function: Callable[[float], Sequence[float] | np.ndarray]
     start: Node | None = None
     end: Node | None = None
     breaks: Sequence[float] = ()
@@ -224,7 +224,7 @@ def spline(points: Sequence, monotone: bool = False) -> Curve:
     return Curve(function, _node(points[0]), _node(points[-1]), tuple(breaks))
 
 
-def _node(point: Any) -> Node | None:
+def _node(point: object) -> Node | None:
     return point if isinstance(point, Node) else None
 
 
@@ -238,7 +238,7 @@ def layout(points, elements, degree: int, name: str) -> Layout:
     return polyline(points, elements, degree, name)
 
 
-def along_curve(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
+def along_curve(curve: Curve, elements, degree: int, name: str) -> Layout:
     """Elements of equal arc length along a curve, with degree - 1 nodes inside each."""
     expected = f"one positive whole number for a curve, at most {MOST_ELEMENTS:,}"
     require(is_whole(elements, 1, MOST_ELEMENTS), f"beam {name!r}: elements", elements, expected)

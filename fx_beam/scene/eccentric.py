@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from fx_beam.dual import dual_array, floats
@@ -15,7 +13,7 @@ from .beam import Layout, lagrange_and_slopes, lengths_to_ends, position_of
 _SHARPEST = 1 - np.cos(np.radians(30.0))
 
 
-def shifted(line: Layout, offset: Any, name: str) -> Layout:
+def shifted(line: Layout, offset: float, name: str) -> Layout:
     """The axis at a distance `offset` to the left of a line, mitred in corners."""
     offset = finite(offset, f"beam {name!r}: offset")
     ends = dual_array([position_of(end) for end in line.ends])
@@ -56,5 +54,5 @@ def _left_of(points: list) -> list:
     return normals
 
 
-def _place(point: Any) -> str:
+def _place(point: np.ndarray) -> str:
     return "at ({:g}, {:g})".format(*floats(point))

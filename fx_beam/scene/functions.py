@@ -37,17 +37,17 @@ class ArrayCalls:
 
     def __init__(self) -> None:
         #: Whether a function accepts arrays, by what it describes and its code.
-        self.accepted: dict[Any, bool] = {}
+        self.accepted = dict[tuple[str, object], bool]()
 
     def values(
         self,
         function: Callable,
         size: int,
-        rows: Any,
+        rows: np.ndarray,
         name: str,
         one_by_one: Callable,
         is_dual: bool,
-    ) -> Any:
+    ) -> np.ndarray:
         """Values (n, size) for rows (n, k) of arguments, by one call if the function accepts it.
 
         For the first function made by a line of the user's code all values are compared with calls
@@ -82,14 +82,14 @@ class Signal:
     #: Whether it goes straight over a step to a value that is set.
     ramps = False
 
-    def __init__(self, function: Callable | None, size: int, name: str = "", value: Any = None):
+    def __init__(self, function: Callable | None, size: int, name: str = "", value=None):
         self.function, self.size, self.what = function, size, name
         #: The value (size,) of a constant.
         self.value = value
         # Whether values had slopes.
         self._is_dual = False
         # Last values with slopes: a motion and its derivatives ask for the same rows of arguments.
-        self._last: tuple[str, np.ndarray, Dual] | None = None
+        self._last: tuple[str, np.ndarray, np.ndarray] | None = None
 
     @property
     def is_constant(self) -> bool:
@@ -101,7 +101,7 @@ class Signal:
         """Names of its arguments in brackets; empty for a constant."""
         return f"({self.place})" if self.place else "" if self.is_constant else "(t)"
 
-    def __call__(self, *arguments: Any) -> np.ndarray:
+    def __call__(self, *arguments: float) -> np.ndarray:
         """The value (size,) at a time or a place; SceneError if the function fails."""
         if self.function is None:
             return self.value
@@ -112,14 +112,14 @@ class Signal:
         except Exception as error:
             raise self._failure(arguments, error) from error
 
-    def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> Any:
+    def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> np.ndarray:
         """Finite values (n, size) at n times [s]; StepError otherwise.
 
         The `time` of the error, or of another exception, says when.
         """
         return self.each(times[:, None], arrays, name)
 
-    def each(self, rows: Any, arrays: ArrayCalls | None = None, run: str = "") -> Any:
+    def each(self, rows: np.ndarray, arrays: ArrayCalls | None = None, run: str = "") -> np.ndarray:
         """Values (n, size) for rows (n, k) of arguments; SceneError for what does not fit.
 
         With `arrays` the function is called once for all rows, if it accepts that. With `run`, a
@@ -141,7 +141,7 @@ class Signal:
             self._last = None if isinstance(rows, Dual) else (run, rows, values)
         return values
 
-    def _one_by_one(self, rows: Any, run: str) -> Any:
+    def _one_by_one(self, rows: np.ndarray, run: str) -> np.ndarray:
         """Values (n, size), by one call for each row of arguments."""
         function: Any = self.function
         arguments: list = rows.tolist()
@@ -169,7 +169,7 @@ class Signal:
             raise
         return dual_array([evaluate(self, row[0], run) if run else self(*row) for row in arguments])
 
-    def _failure(self, arguments: Any, error: Exception) -> SceneError:
+    def _failure(self, arguments: Sequence, error: Exception) -> SceneError:
         return SceneError(f"{self.what}: calling it at {arguments} raised {error!r}")
 
 
@@ -200,15 +200,15 @@ class SignalAlong(Signal):
         values = floats(self.at(self._samples, *arguments))
         return values[np.argmax(np.linalg.norm(values, axis=1))]
 
-    def at(self, positions: np.ndarray, t: float) -> Any:
+    def at(self, positions: np.ndarray, t: float) -> np.ndarray:
         """Finite values (n, size) at n positions; SceneError otherwise."""
         values = self._at_once(positions, t) if self._takes_arrays else None
-        is_right = values is not None and self._is_right(values, positions, t)
-        if not (is_right and (abs(floats(values)) <= LARGEST).all()):
-            values = self._at_each(positions, t)  # which names the place
-        return values
+        if values is not None and self._is_right(values, positions, t):
+            if (abs(floats(values)) <= LARGEST).all():
+                return values
+        return self._at_each(positions, t)  # which names the place
 
-    def _is_right(self, values: Any, positions: np.ndarray, t: float) -> bool:
+    def _is_right(self, values: np.ndarray, positions: np.ndarray, t: float) -> bool:
         """Whether values of one call equal the values of calls one by one, at two positions.
 
         They are compared until some are not zero, and then ever more rarely.
@@ -221,12 +221,12 @@ class SignalAlong(Signal):
         self._was_zero &= not floats(values).any()
         return self._takes_arrays
 
-    def _at_once(self, positions: np.ndarray, t: float) -> Any:
+    def _at_once(self, positions: np.ndarray, t: float) -> np.ndarray | None:
         """Values (n, size) of one call; None if they do not fit."""
         function: Any = self.function
         return _at_once(lambda position: function(position, t), self.size, positions[:, None])
 
-    def _at_each(self, positions: np.ndarray, t: float) -> Any:
+    def _at_each(self, positions: np.ndarray, t: float) -> np.ndarray:
         places, function = positions.tolist(), self.function
         assert function is not None
         with suppress(Exception):  # which is found below, with its place
@@ -252,7 +252,7 @@ def constant(value: np.ndarray) -> Signal:
     return Signal(None, len(value), value=value)
 
 
-def checked_function(value: Any, size: int, name: str, *sample: float) -> Signal:
+def checked_function(value: object, size: int, name: str, *sample: float) -> Signal:
     """A function with values of shape (size,), from a constant or a user's function.
 
     The user's function is called once at `sample`, so that errors show before the run.
@@ -272,14 +272,14 @@ def checked_function(value: Any, size: int, name: str, *sample: float) -> Signal
     return signal
 
 
-def function_of_place(value: Any, size: int, name: str, place: str) -> Signal:
+def function_of_place(value: object, size: int, name: str, place: str) -> Signal:
     """A checked constant, or function of a position along a beam with the name `place`."""
     signal = checked_function(value, size, name, 0.0)
     signal.place = place
     return signal
 
 
-def argument_names(function: Any) -> list[str]:
+def argument_names(function) -> list[str]:
     """Names of the arguments that a function must be given; none if it does not tell."""
     try:
         parameters = list(inspect.signature(function).parameters.values())
@@ -289,7 +289,7 @@ def argument_names(function: Any) -> list[str]:
     return [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
 
 
-def check_takes_time(function: Any, name: str) -> None:
+def check_takes_time(function: object, name: str) -> None:
     """Refuse a function whose parameters show that it depends on position instead of time."""
     names = argument_names(function)
     if len(names) > 1 or names and names[0].lower() in _PLACES:
@@ -300,7 +300,7 @@ def check_takes_time(function: Any, name: str) -> None:
         )
 
 
-def evaluate(function: Callable, t: float, name: str) -> Any:
+def evaluate(function: Callable, t: float, name: str) -> np.ndarray:
     """Finite value of a function at the time t [s]; StepError otherwise."""
     try:
         value = function(t)
@@ -312,7 +312,7 @@ def evaluate(function: Callable, t: float, name: str) -> Any:
     return value
 
 
-def _at_once(function: Callable, size: int, rows: Any) -> Any:
+def _at_once(function: Callable, size: int, rows: np.ndarray) -> np.ndarray | None:
     """Finite values (n, size) of one call; None if they do not fit."""
     if isinstance(rows, Dual):
         columns: Any = [rows[:, [i]] for i in range(rows.shape[1])]
@@ -337,13 +337,13 @@ def _at_once(function: Callable, size: int, rows: Any) -> Any:
     return values if values.shape[1] == size and np.isfinite(values).all() else None
 
 
-def _agree(values: Any, expected: Any, sizes: Any = None) -> bool:
+def _agree(values: np.ndarray, expected: np.ndarray, sizes: np.ndarray | None = None) -> bool:
     """Whether values (n, size) differ by round-off at most, in terms of the largest of `sizes`."""
     values, expected, sizes = map(floats, (values, expected, expected if sizes is None else sizes))
     return bool((abs(values - expected) <= _ROUNDING * abs(sizes).max(axis=0)).all())
 
 
-def _copied(value: Any) -> Any:
+def _copied(value: object) -> object:
     """A function's value, as a copy: a function may fill and return one array again and again."""
     if isinstance(value, _IMMUTABLE):
         return value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -50,7 +50,7 @@ class GroundSpring(ForceBetween):
     """
 
     to_ground: ClassVar[bool] = True
-    target: Any = None
+    target: Node | Beam = None  # type: ignore[assignment]
     direction: np.ndarray | None = field(default=None, metadata=IS_DATA)
 
     def __str__(self):
@@ -63,7 +63,7 @@ class GroundSpring(ForceBetween):
                 return f"{number}bed of beam {self.target.name!r} {way}"
         return f"{number}between {self.target} and the ground {way}"
 
-    def ways(self, positions: Any) -> Any:
+    def ways(self, positions: np.ndarray) -> np.ndarray:
         """Directions of the displacements of the nodes.
 
         Parameters
@@ -148,7 +148,7 @@ class Bed(NamedTuple):
 _LAWS = {Spring: "spring", Damper: "damper", SmoothFriction: "friction", Stop: "stop"}
 
 
-def ground_spring(node: Node, laws: Any, direction: np.ndarray | None, name: str) -> GroundSpring:
+def ground_spring(node: Node, laws, direction: np.ndarray | None, name: str) -> GroundSpring:
     """A spring to the ground along a direction or on the rotation; SceneError for no law."""
     law_list = laws if isinstance(laws, list | tuple) else [laws]
     names = [_LAWS.get(type(law), "") for law in law_list]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from fx_beam.errors import (
     shown,
     vector,
 )
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from .beam import Beam, BeamPlace, Node
 from .functions import (
@@ -55,7 +55,7 @@ NAMES = {
 }
 
 
-def values_along(function: Signal, positions: np.ndarray, arrays: ArrayCalls | None) -> Any:
+def values_along(function: Signal, positions: np.ndarray, arrays: ArrayCalls | None) -> np.ndarray:
     """Finite values (n, size) of a function of position at n positions; SceneError otherwise."""
     values = function.each(positions[:, None], arrays)
     if not (abs(floats(values)) <= LARGEST).all():
@@ -96,7 +96,7 @@ class Load:
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
 
 
-def line_load(beam: Beam, load, arguments: str, between: Any = None) -> Load:
+def line_load(beam: Beam, load, arguments: str, between: Sequence[float] | None = None) -> Load:
     """Line load on a beam, or on a part of it.
 
     A constant, its values at both ends, or a function of time, of the arc length, or of both.
@@ -111,9 +111,7 @@ def line_load(beam: Beam, load, arguments: str, between: Any = None) -> Load:
     return Load("line load", beam, value, between=part, projected=is_projected)
 
 
-def _line_signal(
-    beam: Beam, load: Any, arguments: str, part: tuple[float, float], name: str
-) -> Signal:
+def _line_signal(beam: Beam, load, arguments: str, part: tuple[float, float], name: str) -> Signal:
     """The load per length (2,) of a part of a beam, as a function of its `arguments`."""
     rows = list, tuple, np.ndarray
     if isinstance(load, rows) and all(isinstance(value, rows) for value in load):
@@ -132,7 +130,7 @@ def _line_signal(
     return function_of_place(load, 2, name, "s")
 
 
-def part_of(beam: Beam, between: Any, arguments: str, name: str) -> tuple[float, float]:
+def part_of(beam: Beam, between: Sequence[float], arguments: str, name: str) -> tuple[float, float]:
     """Both ends of a part of a beam; SceneError if there is no such part."""
     first, last = vector(between, 2, f"{name}: between").tolist()
     tolerance = 1e-9 * beam.length
@@ -147,7 +145,7 @@ def part_of(beam: Beam, between: Any, arguments: str, name: str) -> tuple[float,
     return max(first, 0.0), min(last, beam.length)
 
 
-def _between_ends(load: Any, part: tuple[float, float], name: str) -> Signal:
+def _between_ends(load, part: tuple[float, float], name: str) -> Signal:
     """The signal of a load that changes in proportion to the arc length, by its end values."""
     require(len(load) == 2, name, load, "a load (qx, qy), or those at both ends")
     first, last = (vector(value, 2, f"{name}: an end") for value in load)
@@ -220,7 +218,7 @@ class Damping:
     stiffness: float = field(metadata=IS_DATA)
 
 
-def damping_of(scene) -> list[Any]:
+def damping_of(scene) -> list[float]:
     """Factors of the mass [1/s] and of the stiffness of beams [s] in all damping of a scene."""
     if not scene.dampings:
         return [0.0, 0.0]
@@ -251,7 +249,7 @@ def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
 class VirtualWork:
     """Virtual work per length of a user's force or a pressure, on one beam or on all."""
 
-    term: Callable[[Any], Any] = field(metadata=IS_DATA)
+    term: Callable[..., Expr] = field(metadata=IS_DATA)
     beam: Beam | None
     #: The first and the last but one of the elements of the beam in which it acts.
     elements: tuple[int, int | None] = (0, None)
@@ -262,7 +260,7 @@ class VirtualWork:
         if not callable(self.term):
             raise SceneError(f"add_virtual_work needs a function of the step, not {self.term!r}")
 
-    def of(self, step: Any, name: str) -> Any:
+    def of(self, step: object, name: str) -> Expr:
         """The term of a step, in UFL; SceneError if there is none."""
         with refused(
             f"{name} must give a UFL expression of the step, which has UFL symbols, not numbers: "
@@ -326,7 +324,7 @@ class NaturalStrain:
         return f"natural strain of beam {self.beam.name!r}"
 
 
-def natural_strain(beam: Beam, components: Mapping[str, Any]) -> NaturalStrain:
+def natural_strain(beam: Beam, components: Mapping) -> NaturalStrain:
     """Natural strains of a beam, from numbers and functions of f, of t, or of both."""
     parts = {name: _part(beam, name, x) for name, x in components.items() if x is not None}
     if not parts:
@@ -334,7 +332,7 @@ def natural_strain(beam: Beam, components: Mapping[str, Any]) -> NaturalStrain:
     return NaturalStrain(beam, parts)
 
 
-def changed_strain(strain: NaturalStrain, components: Mapping[str, Any]) -> NaturalStrain:
+def changed_strain(strain: NaturalStrain, components: Mapping) -> NaturalStrain:
     """The natural strain with other values of some components."""
     return replace(strain, parts={**strain.parts, **natural_strain(strain.beam, components).parts})
 

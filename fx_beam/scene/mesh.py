@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class MeshLayout(NamedTuple):
     #: Number of points.
     points: int
     #: Positions of all nodes (n, 2) [m].
-    positions: Any
+    positions: np.ndarray
     #: Pairs (k, 2) of nodes that pins join; the first one is at a point.
     pins: np.ndarray
     #: Where each cell begins in `nodes` and `s`, and the length of both (m + 1,).
@@ -43,7 +43,7 @@ class MeshLayout(NamedTuple):
     s: np.ndarray
 
 
-def mesh_layout(points: Any, cells: Any, elements: Any, pinned: bool) -> MeshLayout:
+def mesh_layout(points, cells, elements, pinned: bool) -> MeshLayout:
     """Nodes of a mesh; SceneError for points, cells or elements that do not fit."""
     places = _checked_points(points)
     count = len(places)
@@ -74,7 +74,7 @@ def _repeated(values: np.ndarray) -> np.ndarray:
     return np.setdiff1d(np.arange(len(values)), np.unique(values, return_index=True)[1])
 
 
-def _checked_points(points: Any) -> Any:
+def _checked_points(points: object) -> np.ndarray:
     """Positions (n, 2) [m], with slopes if they have any."""
     places = real_array(points)
     if places.ndim != 2 or places.shape[1] != 2:
@@ -89,7 +89,7 @@ def _checked_points(points: Any) -> Any:
     return dual_array(places)
 
 
-def _checked_cells(cells: Any, count: int) -> np.ndarray:
+def _checked_cells(cells: object, count: int) -> np.ndarray:
     """Points at both ends of each cell (m, 2), of so many points."""
     pairs = real_array(cells)
     if pairs.ndim != 2 or pairs.shape[1] != 2 or not pairs.size or (pairs != np.floor(pairs)).any():
@@ -136,7 +136,7 @@ def _named(k: int, cells: np.ndarray) -> str:
     return f"cell {k} = ({cells[k, 0]:.0f}, {cells[k, 1]:.0f})"
 
 
-def _checked_elements(elements: Any, count: int) -> np.ndarray:
+def _checked_elements(elements: object, count: int) -> np.ndarray:
     """Numbers of elements (m,) of so many cells."""
     counts = real_array(elements)
     ok = counts.shape in ((), (count,)) and (counts == np.floor(counts)).all()
@@ -148,7 +148,7 @@ def _checked_elements(elements: Any, count: int) -> np.ndarray:
     return np.broadcast_to(counts.astype(int), count)
 
 
-def sections_of(section: Any, tags: Any, count: int) -> list[Section]:
+def sections_of(section, tags, count: int) -> list[Section]:
     """Sections of `count` cells, by tags if given; SceneError for a cell without a section."""
     if isinstance(section, Mapping) != (tags is not None):
         lack = "a dict of sections by tag" if tags is not None else "the tag of each cell as tags"

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 
 def html_table(title: str, rows: dict[str, str]) -> str:
@@ -15,7 +18,7 @@ def html_table(title: str, rows: dict[str, str]) -> str:
     return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
-def sketch(lines: Iterable[Any], shades: Iterable[str]) -> str:
+def sketch(lines: Iterable[ArrayLike], shades: Iterable[str]) -> str:
     """Small picture in SVG of lines (n, 2), each in its colour, as high as wide or lower."""
     lines = [np.asarray(line, dtype=float) for line in lines]
     points = np.concatenate(lines) if lines else np.empty((0, 2))
@@ -70,6 +73,6 @@ def _listed(names: list[str]) -> str:
     return f"{len(names)}: {', '.join(names[:4])}{ending}" if names else "0"
 
 
-def _held(joint: Any) -> int:
+def _held(joint) -> int:
     """Components that a joint or its motor holds."""
     return 2 + joint.turns_together - (joint.slide is not None) + ("slide" in joint.driven)

@@ -13,6 +13,7 @@ from fx_beam.errors import is_one_of, require
 from .beam import Beam, BeamPlace, Node, numbers_of_nodes
 from .contacts import Contact
 from .forces_between import ForceBetween
+from .functions import Numbers
 from .joints import GROUND, Joint, axial_rate
 from .loads import check_node
 from .removal import own_joint
@@ -207,7 +208,7 @@ class Term(NamedTuple):
     array: str
     entries: Any
     #: A number; of an output that is not linear (n,) of n states.
-    factor: Any = 1.0
+    factor: Numbers = 1.0
 
 
 # Arrays with one entry for each joint or rope; others have three for each node or joint.
@@ -215,7 +216,7 @@ _ONE_EACH = "slides", "motor_forces", "line_forces", "line_energies"
 # What forces along lines have by their laws, by the names of arrays.
 _BY_LAW = {"line_forces": "pull", "line_energies": "energy"}
 #: Entries (..., e) of an array by its name.
-Read = Callable[[str, Any], Any]
+Read = Callable[[str, int | np.ndarray], np.ndarray]
 _STEP = 1e-100  # in the imaginary direction
 
 
@@ -263,7 +264,7 @@ class Measured:
         elif is_gear(place):
             self.terms.append(Term(quantity.of, 3 * place.number + place.column))
 
-    def values(self, read: Read, motion: Any = None) -> Any:
+    def values(self, read: Read, motion=None) -> Any:
         """Values (..., components) or (...); the rate of a slide also needs the `NodalMotion`."""
         if self.line is not None:
             vectors = line_vectors(self.line, read, "q")
@@ -307,7 +308,7 @@ class Measured:
 
 def line_vectors(line: ForceBetween, read: Read, array: str) -> tuple[np.ndarray, np.ndarray]:
     """Vectors (points - 1, 2, rows) along a line, rotations (2, rows) of its ends; or rates "v"."""
-    components: list[Any] = []
+    components: list[Numbers] = []
     for point in line.points:
         if not isinstance(point, Node):
             components += [*point.position] if array == "q" else [0.0, 0.0]
@@ -322,18 +323,19 @@ def line_vectors(line: ForceBetween, read: Read, array: str) -> tuple[np.ndarray
     return np.diff(places, axis=0), values[-2:]
 
 
-def is_section_force(output: Any) -> bool:
+def is_section_force(output: object) -> bool:
     """Whether it is an output that follows from the balance of an element."""
-    there = isinstance(output, Output) and isinstance(output.of, BeamPlace)
-    return there and output._known[output.quantity].of == SECTION_FORCES
+    if not isinstance(output, Output) or not isinstance(output.of, BeamPlace):
+        return False
+    return quantity_of(output).of == SECTION_FORCES
 
 
-def is_gear(place: Any) -> bool:
+def is_gear(place: object) -> bool:
     """Whether it is a gear; its class is not loaded for scenes without any."""
     return hasattr(type(place), "terms")
 
 
-def _along(line: Any, array: str) -> list[Term]:
+def _along(line, array: str) -> list[Term]:
     """Terms of the displacement or rotation that a spring to the ground resists, or its rate."""
     require(
         isinstance(line.target, Node), "Output: of", str(line), "no bed: take those of its nodes"
@@ -398,7 +400,7 @@ def _place_in(scene: Scene, output: Output) -> str:
         joint = own_joint(scene, place)
         other = "of a joint that add_joint of this scene returned"
         return other if joint is None else lack(joint, output.quantity)
-    parts: list[Any] = scene.forces_between
+    parts: list = scene.forces_between
     noun = "rope that add_rope"
     if is_gear(place):
         parts, noun = scene.gears, "gear that add_joint"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class PressureTerm:
 
 
 def pressure_on(
-    beam: Beam, value: Any, arguments: str, between: Any, number: int
+    beam: Beam, value, arguments: str, between: Sequence[float] | None, number: int
 ) -> tuple[VirtualWork, Parameter]:
     """A pressure on a beam or on some of its elements, and its parameter; SceneError otherwise."""
     from .symbols import Parameter

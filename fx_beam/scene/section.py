@@ -26,13 +26,13 @@ from fx_beam.errors import (
     shown,
     size_limit,
 )
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from .functions import ArrayCalls
 from .law import Energy, InternalVariables, check_energy, functions_of_energy
 
 #: A number, or a function of the fraction of the arc length.
-Datum = float | Callable[[float], Any]
+Datum = float | Callable[[float], float]
 
 #: Names of all data that may vary along a beam.
 DATA = "EA", "GA", "EI", "rhoA", "rhoI", "retardation"
@@ -145,7 +145,7 @@ class Section:
     rhoA: Datum = field(default=0.0, metadata=IS_DATA)
     rhoI: Datum = field(default=0.0, metadata=IS_DATA)
     strain_energy: Energy | None = field(default=None, metadata=IS_DATA)
-    retardation: Datum | tuple[Datum, Datum, Datum] = field(default=0.0, metadata=IS_DATA)
+    retardation: Datum | tuple[Datum, ...] = field(default=0.0, metadata=IS_DATA)
     internal: InternalVariables | None = None
 
     def __post_init__(self):
@@ -155,7 +155,7 @@ class Section:
         ok = self.strain_energy is None or not isinstance(self.retardation, tuple)
         expected = "one time for all strains, as there is a strain_energy"
         require(ok, "Section: retardation", self.retardation, expected)
-        for time in self._times if isinstance(self.retardation, tuple) else (self.retardation,):
+        for time in self._times:
             _value("retardation", time, 0.5)
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
             datum = getattr(self, name)
@@ -208,7 +208,7 @@ class Section:
             The values; for "retardation" the times of axial, shear and bending strains. None if a
             value is a function.
         """
-        values: list[Any] = []
+        values: list = []
         for name in names:
             datum = self._times if name == "retardation" else getattr(self, name)
             is_triple = type(datum) is tuple
@@ -264,7 +264,7 @@ class Section:
         shear_factor: Datum = 5 / 6,
         *,
         G: Datum | None = None,
-        retardation: Any = 0.0,
+        retardation: Datum | tuple[Datum, ...] = 0.0,
     ) -> Section:
         """Rectangular section.
 
@@ -297,7 +297,7 @@ class Section:
         shear_factor: Datum = 0.9,
         *,
         G: Datum | None = None,
-        retardation: Any = 0.0,
+        retardation: Datum | tuple[Datum, ...] = 0.0,
     ) -> Section:
         """Solid circular section.
 
@@ -322,7 +322,7 @@ class Section:
         shear_factor: Datum = 0.5,
         *,
         G: Datum | None = None,
-        retardation: Any = 0.0,
+        retardation: Datum | tuple[Datum, ...] = 0.0,
     ) -> Section:
         """Circular hollow section; the default shear factor is that of a thin wall.
 
@@ -359,7 +359,7 @@ class Section:
         shear_factor: Datum | None = None,
         *,
         G: Datum | None = None,
-        retardation: Any = 0.0,
+        retardation: Datum | tuple[Datum, ...] = 0.0,
     ) -> Section:
         """Rectangular hollow section with sharp corners.
 
@@ -393,7 +393,7 @@ class Section:
         shear_factor: Datum = 5 / 6,
         *,
         G: Datum | None = None,
-        retardation: Any = 0.0,
+        retardation: Datum | tuple[Datum, ...] = 0.0,
     ) -> Section:
         """Section of given area and second moment of area.
 
@@ -419,14 +419,14 @@ class Section:
         )
 
 
-def functions_of_section(section: Section) -> Iterator[tuple[str, Any]]:
+def functions_of_section(section: Section) -> Iterator[tuple[str, Expr]]:
     """Expressions of the user's functions of a section, by kind."""
     return functions_of_energy(section.strain_energy, section.internal, 3)
 
 
 def values_along(
     section: Section, name: str, fractions: np.ndarray, arrays: ArrayCalls | None
-) -> Any:
+) -> np.ndarray:
     """`Section.values`, by one call of a function for all fractions if it accepts `arrays`."""
     values = [_values(name, datum, fractions, arrays) for datum in section._data(name)]
     return np.stack(values, axis=-1) if len(values) > 1 else values[0]
@@ -439,7 +439,7 @@ def _check_name(name, method: str) -> None:
 
 def _values(
     name: str, datum: Datum | None, fractions: np.ndarray, arrays: ArrayCalls | None
-) -> Any:
+) -> np.ndarray:
     """Values in the shape of fractions of the arc length; zero for no stiffness."""
     if not callable(datum):
         value = 0.0 if datum is None else _value(name, datum)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from fx_beam.dual import dual_array, floats
 from fx_beam.errors import SceneError, real_array
 
 from .functions import ArrayCalls, Signal, check_takes_time
-from .inputs import Input, time_function
+from .inputs import Input, TimeValue, time_function
 from .loads import Load
 
 
@@ -40,22 +40,22 @@ class Shaking(NamedTuple):
 class Accelerogram(Signal):
     """Values (1,) at times [s], with straight lines between, and zero before and after."""
 
-    def __init__(self, times: Any, values: Any, name: str):
+    def __init__(self, times: np.ndarray, values: np.ndarray, name: str):
         super().__init__(self._at, 1, name)
         self.times, self.values = times, values
 
-    def _at(self, t: Any) -> Any:
+    def _at(self, t: np.ndarray) -> np.ndarray:
         times, places = floats(dual_array(self.times)), floats(t)
         is_recorded = (places >= times[0]) & (places <= times[-1])
         interpolated = np.interp(t, dual_array(self.times), dual_array(self.values))
         return np.where(is_recorded, interpolated, 0.0)
 
-    def each(self, rows: Any, arrays: ArrayCalls | None = None, run: str = "") -> Any:
+    def each(self, rows: np.ndarray, arrays: ArrayCalls | None = None, run: str = "") -> np.ndarray:
         """Values (n, 1) at times (n, 1) [s], by one call for all."""
         return self._at(rows)
 
 
-def acceleration(value: Any, name: str) -> Signal:
+def acceleration(value: TimeValue, name: str) -> Signal:
     """An acceleration (1,) over time: a constant, a function, an `Input` or a record."""
     if not isinstance(value, list | tuple | np.ndarray):
         if not isinstance(value, Input):
