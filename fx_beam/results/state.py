@@ -67,13 +67,9 @@ def _array(*shape: str | int, **facts: Any) -> Any:
     return field(default=default, metadata={"quantity": StateArray(shape, **facts)})
 
 
-def _number() -> Any:
-    return field(default=0.0, metadata={"number": True})
-
-
 @dataclass
-class State:
-    """The system at one time, and what the next step needs from the last one.
+class SteppedState:
+    """The system at one time, as steps in C have it.
 
     This is the schema: its arrays and numbers are the members of the state in C, and the rows of a
     record, of a solution and of files.
@@ -98,20 +94,30 @@ class State:
     #: Parameters in functions of the user.
     parameters: np.ndarray | None = _array("parameters", record="always")
     #: Work and dissipated energy since the start [J].
-    work: float = _number()
-    dissipated: float = _number()
+    work: float = 0.0
+    dissipated: float = 0.0
     #: Part of it that the scheme took, and energy that the scheme holds for the next step [J].
-    numerical: float = _number()
-    algorithmic: float = _number()
+    numerical: float = 0.0
+    algorithmic: float = 0.0
     #: The configuration at the start of the step that ended here, and its length [s]; only for
     #: schemes that need them.
     q_previous: np.ndarray | None = _array("kept dofs")
-    length: float = _number()
+    length: float = 0.0
     #: Internal variables at the Gauss points, and of the springs of joints in their order.
     internal: np.ndarray | None = _array("cells", "points", "variables", record="motion")
     spring_internal: np.ndarray | None = _array("spring variables", record="motion")
     #: Natural strains (axial, shear, curvature) at the Gauss points.
     natural: np.ndarray | None = _array("cells", "points", "natural strains", record="motion")
+
+    def memory(self, length: float) -> float:
+        """`Step.memory` of a step of this length [s] from here."""
+        return min(1.0, length / self.length) if self.length else 0.0
+
+
+@dataclass
+class State(SteppedState):
+    """The system at one time, and what the next run needs from the last one."""
+
     #: Memory of `Halving` (5,): the number of parts of the next steps. Set at the end of a run.
     parts: np.ndarray | None = _kept(5, default=None)
     #: Set at the end of a run: the past, and the values of the inputs in the scene's order.
@@ -162,18 +168,16 @@ class State:
         new = {name: array.copy().reshape(shape) for name, array in self.at_nodes.items()}
         return self.changed(**new, past=past)
 
-    def memory(self, length: float) -> float:
-        """`Step.memory` of a step of this length [s] from here."""
-        return min(1.0, length / self.length) if self.length else 0.0
-
 
 #: The arrays and numbers of the state by name; forces that are means over the step so far.
 ARRAYS: dict[str, StateArray] = {
-    part.name: part.metadata["quantity"] for part in fields(State) if "quantity" in part.metadata
+    part.name: part.metadata["quantity"]
+    for part in fields(SteppedState)
+    if "quantity" in part.metadata
 }
 #: Arrays that have an entry for each degree of freedom.
 AT_NODES = *(name for name, array in ARRAYS.items() if array.at_nodes), "fitted", "loads"
-NUMBERS = "t", *(part.name for part in fields(State) if "number" in part.metadata)
+NUMBERS = tuple(part.name for part in fields(SteppedState) if part.type == "float")
 FORCES = tuple(name for name, quantity in ARRAYS.items() if quantity.mean)
 #: What a record has of the state at the end of a step, and of its sums.
 ROWS = {name: quantity for name, quantity in ARRAYS.items() if quantity.record} | {
