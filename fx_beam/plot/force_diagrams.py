@@ -18,7 +18,7 @@ from fx_beam.results.solution import Solution
 from .drawing import Drawing, checked_rows, headings, spacing, three_digits
 from .members import SIGNED, words_for
 from .sheet import panels, picture, written
-from .symbols import draw_lines, draw_surroundings
+from .symbols import draw_lines, draw_surroundings, left_of
 
 _TALLEST = 0.15  # of a diagram, as a fraction of the picture's size
 _OVER = 1.5  # of a diagram, as a multiple of the distance between members
@@ -110,8 +110,7 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinne
     values = along_all(drawing.solution, quantity, [row], np.linspace(0, 1, _PIECES + 1))[0]
     largest = float(abs(values).max())
     points = drawing.along_elements(row, _PIECES)
-    slopes = np.gradient(points, axis=1)
-    side = np.stack([-slopes[..., 1], slopes[..., 0]], axis=-1) * (-1 if quantity == "M" else 1)
+    side = left_of(np.gradient(points, axis=1)) * (-1 if quantity == "M" else 1)
     side *= tallest / (largest or 1.0) / np.linalg.norm(side, axis=-1, keepdims=True)
     for sign, colour, hatch in (1, SIGNED(0.9), None), (-1, SIGNED(0.1), "/////"):
         tips = points + side * np.where(sign * values > 0, values, 0)[..., None]

@@ -127,8 +127,8 @@ def _pressure(sheet: Sheet, scene: Scene, work: VirtualWork, si: bool) -> None:
     s = arc_of(points)
     arc = np.linspace(start, end, _ARROWS + 1) * s[-1] / beam.length
     along = interpolated(arc, s, np.gradient(points, s, axis=0))
-    left = np.column_stack([-along[:, 1], along[:, 0]])
-    _arrows_along(sheet, interpolated(arc, s, points), _shown(load) * left, load, si)
+    tips = interpolated(arc, s, points)
+    _arrows_along(sheet, tips, _shown(load) * left_of(along), load, si)
 
 
 def _arrows_along(sheet: Sheet, tips: np.ndarray, loads: np.ndarray, load: Load, si: bool) -> None:
@@ -162,8 +162,7 @@ def _natural_strains(sheet: Sheet, scene: Scene, si: bool) -> None:
     """A dashed line beside each beam that has natural strains, with what they are."""
     for strain in scene.natural_strains:
         points = _axis(strain.beam)
-        along = np.gradient(points, axis=0)
-        left = np.column_stack([-along[:, 1], along[:, 0]])
+        left = left_of(np.gradient(points, axis=0))
         left /= np.hypot(*left.T)[:, None]
         beside = points + _BESIDE * sheet.size * left
         sheet.line(beside, color=_STRAINED, linewidth=1.2, linestyle=(0, (4, 2)))

@@ -131,8 +131,8 @@ def wall_strokes(away: np.ndarray, length: float = _WALL, foot: ArrayLike = (0.0
 
 
 def left_of(direction: np.ndarray) -> np.ndarray:
-    """A direction turned by 90 degrees to the left."""
-    return np.array([-direction[1], direction[0]])
+    """Directions (..., 2) turned by 90 degrees to the left."""
+    return np.stack([-direction[..., 1], direction[..., 0]], axis=-1)
 
 
 def _leaving(drawing: Drawing, numbers: set[int]) -> dict[int, list[np.ndarray]]:
@@ -191,9 +191,6 @@ def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
 _FINE: Look = {"linewidth": 0.9, "zorder": 2}
 _LOOKS = {
     "guide": _FINE | {"linestyle": ":"},
-    "spring": _FINE,
-    "damper": _FINE,
-    "wall": _FINE,
     "pull": _FINE | {"linestyle": (0, (6, 3))},
     "friction": _FINE | {"linewidth": 2.5, "solid_capstyle": "butt"},
     "stop": _FINE | {"linewidth": 1.5},
@@ -344,12 +341,9 @@ def draw_between(ax, drawing: Drawing, k: int) -> None:
         points, coordinate = line_between(drawing, force, k), force.on
         # One with a length only pulls.
         is_rope = len(points) > 2 or any("of rope" in name for name in force.own)
-        a, b = points[-2:]
-        along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
         for part in () if is_rope else ("spring", "damper", "friction"):
             if getattr(coordinate, part) is not None:
-                symbol = _straight(part, coordinate, (a, b), (a + b) / 2, along, size)
-                lines[part].append(symbol)
+                lines[part].append(_straight(part, coordinate, points[-2], points[-1], size))
         if is_rope or (coordinate.spring is None and coordinate.damper is None):
             lines["pull"].append(points)
         ends = (force.points[0], -force.apart[0]), (force.points[-1], force.apart[-1])
@@ -369,10 +363,8 @@ def _draw_to_ground(lines: dict, drawing: Drawing, force: GroundSpring, k: int) 
             symbol = centre + _SPRING_WIDTH * size * _AROUND[part]
             lines[part].append(symbol)
     for node, foot, way in feet(drawing, force):
-        end = drawing.positions(node, k)
-        along = (end - foot) / max(np.hypot(*(end - foot)), 1e-9 * size)
         for part in [part for part in parts if part != "stop"] or ["spring"]:
-            symbol = _straight(part, force.on, (foot, end), (foot + end) / 2, along, size)
+            symbol = _straight(part, force.on, foot, drawing.positions(node, k), size)
             lines[part].append(symbol)
         wall = wall_strokes(-way, _SHORT_WALL).at(foot, size)
         lines["wall"] += wall.thick + wall.thin
@@ -381,7 +373,7 @@ def _draw_to_ground(lines: dict, drawing: Drawing, force: GroundSpring, k: int) 
 def _draw_by_looks(ax, lines: dict[str, list[np.ndarray]]) -> None:
     """Draw lines by their looks."""
     for look, points in lines.items():
-        draw_lines(ax, points, **_LOOKS[look])
+        draw_lines(ax, points, **_LOOKS.get(look, _FINE))
 
 
 def draw_hinges(ax, drawing: Drawing, k: int) -> None:
@@ -431,20 +423,22 @@ def _along_slide(drawing: Drawing, joint: Any, part: str, end: np.ndarray, k: in
         limits = () if slides_on_beam else (joint.slide.stop.lower, joint.slide.stop.upper)
         bar = _SPRING_WIDTH * size * _along(_BAR, along)
         return apart(start + limit * along + bar for limit in limits if limit is not None)
+    if part == "friction":
+        return end + _SPRING_WIDTH * size * _along(_SHOES, along)
     if is_grounded(joint) and not slides_on_beam:
         start = start - short * joint.direction
-    return _straight(part, joint.slide, (start, end), end, along, size)
+    return _straight(part, joint.slide, start, end, size)
 
 
-def _straight(part: str, coordinate: Coordinate, ends, middle, along, size: float) -> np.ndarray:
+def _straight(part: str, coordinate: Coordinate, a, b, size: float) -> np.ndarray:
     """A zigzag, a dashpot, beside a spring if there is one, or shoes of a brake in the middle."""
+    along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
     if part == "friction":
-        return middle + _SPRING_WIDTH * size * _along(_SHOES, along)
+        return (a + b) / 2 + _SPRING_WIDTH * size * _along(_SHOES, along)
     # Fractions of the way from a to b, and widths of a spring beside it.
-    points, (a, b) = _STRAIGHT[part].copy(), ends
+    points = _STRAIGHT[part].copy()
     if part == "damper" and coordinate.spring is not None:
         points[:, 1] += 3.0
-    along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
     return a + points[:, :1] * (b - a) + points[:, 1:] * _SPRING_WIDTH * size * left_of(along)
 
 

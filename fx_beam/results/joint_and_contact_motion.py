@@ -14,7 +14,7 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint, NodalMotion
-from fx_beam.scene.outputs import Measured, Output, line_vectors
+from fx_beam.scene.outputs import line_vectors
 from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
 
@@ -226,7 +226,7 @@ class PullMotion:
         """
         if self.line.to_ground:
             return self._to_ground("q")
-        return Measured(Output("length", self.line)).values(self._read)
+        return self.line.state(*line_vectors(self.line, self._read, "q"))[0]
 
     @property
     def wrap(self) -> np.ndarray:
@@ -252,7 +252,8 @@ class PullMotion:
         """Rate (n,) of the length [m/s or rad/s] at t[k]; of a bed (n, nodes)."""
         if self.line.to_ground:
             return self._to_ground("v")
-        return Measured(Output("rate", self.line)).values(self._read)
+        vectors, _ = line_vectors(self.line, self._read, "q")
+        return self.line.rate(vectors, *line_vectors(self.line, self._read, "v"))
 
     def _read(self, array: str, entries: Any) -> np.ndarray:
         """Entries (n, ...) of a history, or of the positions "X"."""

@@ -370,10 +370,7 @@ class BeamResultants:
         return f"<BeamResultants: {rows} rows, {points} points, {', '.join(peaks)}>"
 
     def __post_init__(self):
-        balance = self.balance
-        object.__setattr__(self, "balance", None)
-        lock(self, **{name: getattr(self, name) for name in "sNQM"})
-        object.__setattr__(self, "balance", balance)
+        vars(self).update({name: read_only(getattr(self, name)) for name in "sNQM"})
 
     def __getstate__(self):
         with suppress(ValueError):

@@ -175,17 +175,12 @@ def _read(raw: BinaryIO) -> Solution:
         pieces = np.split(nodes, ends + np.arange(1, len(members)))
         for member, beam_nodes in zip(members, pieces, strict=True):
             # Files of the first version have no carriers.
-            name, degree, s, fractions, *carriers = member.values()
+            name, degree, s, fractions, *lines = member.values()
             fraction_array = None if fractions is None else np.array(fractions)
             corners = tuple(map(parts.node, beam_nodes))[::degree]
-            parts.beams[name] = Beam(
-                name,
-                corners,
-                degree,
-                np.array(s),
-                fractions=fraction_array,
-                carriers=tuple(parts.node(number) for line in carriers for number in line),
-            )
+            carriers = tuple(parts.node(number) for line in lines for number in line)
+            laid = None, None, fraction_array, carriers
+            parts.beams[name] = Beam(name, corners, degree, np.array(s), *laid)
             nodes_of_beam[name] = beam_nodes
     resultants = dict[str, BeamResultants]()
     known = {name: parts.read(part) for name, part in meta.items()}

@@ -49,12 +49,8 @@ class Balance:
         places, length = np.atleast_1d(real_array(s)), self.s[-1]
         tolerance = 1e-9 * length
         is_on_beam = (places > -tolerance) & (places < length + tolerance)
-        require(
-            places.ndim == 1 and bool(is_on_beam.all()),
-            "at: s",
-            s,
-            f"arc lengths from 0 to the length of the beam, {length:g}",
-        )
+        expected = f"arc lengths from 0 to the length of the beam, {length:g}"
+        require(places.ndim == 1 and bool(is_on_beam.all()), "at: s", s, expected)
         require(is_one_of(side, ("before", "after")), "at: side", side, "'before' or 'after'")
         shift = tolerance if side == "after" else -tolerance
         element = np.clip(np.searchsorted(self.s, places + shift) - 1, 0, len(self.s) - 2)

@@ -655,9 +655,8 @@ def history(solution: Solution, output: Output) -> np.ndarray:
         if output.quantity == "gap":
             return motion.gap.min(axis=1)
         return motion.force.sum(axis=1)[..., measured.component]
-    if measured.law_quantity == "energy":
-        line: Any = output.of
-        return solution.joint(line).energy
+    if isinstance(output.of, ForceBetween):
+        return getattr(solution.joint(output.of), output.quantity)
 
     def read(array: str, entries: Any) -> np.ndarray:
         if array == "X":

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
-
 from .beam import Beam, reference_positions
 
 # Two straight pieces meet in a corner if their directions differ by more than this angle [rad].
@@ -67,6 +65,11 @@ class BeamAxis:
         cubics = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])
         #: The reference path by its elements.
         self.cubics = CubicPath(self.s, cubics)
+        nodes = np.arange(len(self))
+        e = np.minimum(nodes // p, elements - 1)
+        tangents = self._over(self.X[None], e, (nodes - p * e) / p, 1)
+        #: Angles (nodes,) of the reference tangent at the nodes, without jumps [rad].
+        self.angles = np.unwrap(np.angle(_complex(tangents)))
 
     def __len__(self):
         return len(self.X)
@@ -76,13 +79,6 @@ class BeamAxis:
         inner, h = self.s[1:-1], np.minimum(self.h[1:], self.h[:-1])
         near_corners = np.flatnonzero(self.corners & (abs(inner - s) <= 0.01 * h))
         return self.X[self.degree * (near_corners[0] + 1)] if near_corners.size else None
-
-    @cached_property
-    def angles(self) -> np.ndarray:
-        """Angles (nodes,) of the reference tangent at the nodes, without jumps [rad]."""
-        nodes, p = np.arange(len(self)), self.degree
-        e = np.minimum(nodes // p, len(self.h) - 1)
-        return np.unwrap(np.angle(_complex(self._over(self.X[None], e, (nodes - p * e) / p, 1))))
 
     @property
     def numbers(self) -> np.ndarray:

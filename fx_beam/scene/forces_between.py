@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -27,15 +28,9 @@ Point = Node | Sequence[float] | np.ndarray
 Pull = Callable[[Expr, Expr, Expr], Expr]
 
 
-@dataclass(frozen=True)
-class GivenPull:
-    """A pull that is a number or an input."""
-
-    pull: Parameter
-
-    def __call__(self, distance, rate, t):
-        """The pull [N]."""
-        return self.pull
+def _given_pull(pull: Parameter, *arguments: Expr) -> Parameter:
+    """A pull that is a number or an input [N]."""
+    return pull
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +229,7 @@ def checked_force(
         from .symbols import Parameter
 
         name = f"force {number} between points"
-        force, names = GivenPull(Parameter(name, force)), (*names, name)
+        force, names = functools.partial(_given_pull, Parameter(name, force)), (*names, name)
     new = (make or ForceBetween)(_points(points), coordinate, force, number, names)
     if min(math.hypot(*way) for way in new.apart) <= 1e-12 * size:
         raise SceneError(f"{new}: the points are at the same place, so that no direction is known")

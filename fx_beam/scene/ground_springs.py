@@ -79,13 +79,8 @@ class GroundSpring(ForceBetween):
         assert self.direction is not None
         if isinstance(self.target, Node):
             return self.direction[None]
-        chords = np.concatenate(
-            [
-                positions[1:2] - positions[:1],
-                positions[2:] - positions[:-2],
-                positions[-1:] - positions[-2:-1],
-            ]
-        )
+        around = np.concatenate([positions[:1], positions, positions[-1:]])
+        chords = around[2:] - around[:-2]
         x, y = chords.T / np.hypot(*chords.T)
         along, left = self.direction
         return np.stack([along * x - left * y, along * y + left * x], axis=1)

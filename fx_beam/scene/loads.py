@@ -39,20 +39,14 @@ from .parameters import refused
 #: Names of the coefficients of drag.
 PARTS_OF_DRAG = "linear", "quadratic", "rotation"
 #: Kinds of loads on all masses, by accelerations [m/s^2]: their directions, and their sign.
-ON_MASSES = {
-    "gravity": ([0, 1], 1.0),
-    "shaking along x": ([0], -1.0),
-    "shaking along y": ([1], -1.0),
-}
+ON_MASSES = {"gravity": ([0, 1], 1.0)}
+ON_MASSES |= {"shaking along x": ([0], -1.0), "shaking along y": ([1], -1.0)}
 # What the function of a line load may be of.
 _OF = "time", "arc length", "arc length and time", "projected length"
 
 #: Names of the components in results.
-NAMES = {
-    "axial": "natural axial strain",
-    "shear": "natural shear strain",
-    "curvature": "natural curvature",
-}
+NAMES = {name: f"natural {name} strain" for name in ("axial", "shear")}
+NAMES["curvature"] = "natural curvature"
 
 
 def values_along(function: Signal, positions: np.ndarray, arrays: ArrayCalls | None) -> np.ndarray:

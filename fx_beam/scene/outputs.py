@@ -76,17 +76,9 @@ OF_CONTACTS: dict[str, Quantity] = {
     "gap": Quantity(of="gaps"),
 }
 OF_GEARS: dict[str, Quantity] = {"force": Quantity(of="joint_forces")}
-OF_SCENES = {
-    "kinetic_energy": Quantity(of="kinetic"),
-    "strain_energy": Quantity(of="strain"),
-    "potential_energy": Quantity(of="potential"),
-    "spring_energy": Quantity(of="springs"),
-    "total_energy": Quantity(of="total"),
-    "dissipated_energy": Quantity(of="dissipated"),
-    "work": Quantity(of="work"),
-    CRITICAL_LOAD: Quantity(),
-    PERIOD: Quantity(),
-}
+_ENERGIES = "kinetic strain potential springs total dissipated".split()
+OF_SCENES = {f"{part.removesuffix('s')}_energy": Quantity(of=part) for part in _ENERGIES}
+OF_SCENES |= {"work": Quantity(of="work"), CRITICAL_LOAD: Quantity(), PERIOD: Quantity()}
 OF_BEAMS = dict.fromkeys("NQM", Quantity(of="resultants"))
 _OF_CLASSES: dict[type, dict[str, Quantity]] = {
     Scene: OF_SCENES,
@@ -159,8 +151,8 @@ class Output:
     component: str | None = None
 
     def __post_init__(self):
-        kinds = Node | BeamPlace | Joint | ForceBetween | Contact | Scene | Beam
-        ok, expected = isinstance(self.of, kinds) or is_gear(self.of), "a node, a place, a joint, "
+        ok = isinstance(self.of, (*_OF_CLASSES,)) or is_gear(self.of)
+        expected = "a node, a place, a joint, "
         require(ok, "Output: of", self.of, f"{expected}a rope, a contact, a scene or a beam")
         known = self._known
         expected = f"one of {list(known)} for {self._place}"
@@ -183,10 +175,7 @@ class Output:
     def _known(self) -> dict[str, Quantity]:
         if is_gear(self.of):
             return OF_GEARS
-        kind: type = type(self.of)
-        while kind not in _OF_CLASSES:
-            (kind,) = kind.__bases__
-        return _OF_CLASSES[kind]
+        return next(known for kind, known in _OF_CLASSES.items() if isinstance(self.of, kind))
 
     @property
     def components(self) -> tuple[str, ...]:

@@ -230,22 +230,18 @@ class Scene:
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
         degree = checked_degree(degree, self.beams, f"beam {name!r}")
         self.parameters.add(functions_of_section(section), "add_beam: section")
-        line, axis = layout(points, elements, degree, name), None
-        if offset is not None:
-            from .eccentric import shifted
+        line = layout(points, elements, degree, name)
+        if offset is None:
+            nodes = self._nodes_at(line.ends, f"beam {name!r}")
+            return self.beams.add(Beam(name, nodes, degree, line.s, section, line.inner))
+        from .eccentric import shifted
 
-            axis = shifted(line, offset, name)
-        nodes = self._nodes_at(line.ends, f"beam {name!r}")
-        if axis is None:
-            beam = Beam(name, nodes, degree, line.s, section, line.inner)
-        else:
-            carriers = nodes
-            nodes = self._nodes_at(axis.ends, f"beam {name!r}")
-            for a, b in zip(carriers, nodes, strict=True):
-                self._numbered(Rigid(a, b, offset=(b.x - a.x, b.y - a.y)))
-            fractions = line.s / line.s[-1]
-            beam = Beam(name, nodes, degree, axis.s, section, axis.inner, fractions, carriers)
-        return self.beams.add(beam)
+        axis = shifted(line, offset, name)
+        carriers, nodes = (self._nodes_at(x.ends, f"beam {name!r}") for x in (line, axis))
+        for a, b in zip(carriers, nodes, strict=True):
+            self._numbered(Rigid(a, b, offset=(b.x - a.x, b.y - a.y)))
+        more = axis.inner, line.s / line.s[-1], carriers
+        return self.beams.add(Beam(name, nodes, degree, axis.s, section, *more))
 
     def add_mesh(
         self,
@@ -384,8 +380,8 @@ class Scene:
         """
         name = self.bodies.new_name(name)
         x, y = vector(position, 2, f"{name}: position")
-        numbers = (("mass", mass), ("inertia", inertia))
-        m, J = (loads.not_negative(value, f"{name}: {quantity}") for quantity, value in numbers)
+        m = loads.not_negative(mass, f"{name}: mass")
+        J = loads.not_negative(inertia, f"{name}: inertia")
         ok = isinstance(points, Mapping | None) and all(map(is_name, points or ()))
         require(ok, f"{name}: points", points, "a dict of positions by their names")
         ends: list[Point] = [(x, y)]
@@ -878,14 +874,14 @@ class Scene:
         require(size > 0, "spring: axis", axis, "a direction")
         left = np.array([-along[1], along[0]]) + 0.0  # no -0
         directions = ("x", x, along / size), ("y", y, left / size), ("rotation", rotation, None)
-        springs = [(name, laws, way) for name, laws, way in directions if laws is not None]
+        springs = {
+            name: ground_spring(node, laws, way, f"spring: {name}")
+            for name, laws, way in directions
+            if laws is not None
+        }
         expected = "an fx_beam.Spring for one of them at least"
         require(bool(springs), "spring: x, y, rotation", None, expected)
-        ground_springs = {
-            name: ground_spring(node, laws, way, f"spring: {name}") for name, laws, way in springs
-        }
-        added = {name: self._with_force(spring) for name, spring in ground_springs.items()}
-        return GroundSprings(**added)
+        return GroundSprings(**{name: self._with_force(part) for name, part in springs.items()})
 
     def add_bed(
         self, beam: Beam, normal: float = 0.0, tangential: float = 0.0, pushes_only: bool = False
@@ -976,8 +972,8 @@ class Scene:
             For a negative or non-finite value.
         """
         loads.check_node(self, node, "mass")
-        numbers = (("mass", mass), ("inertia", inertia))
-        m, J = (loads.not_negative(value, f"{name} of {node}") for name, value in numbers)
+        m = loads.not_negative(mass, f"mass of {node}")
+        J = loads.not_negative(inertia, f"inertia of {node}")
         return _added(self.masses, loads.Mass(node.number, m, J))
 
     def add_force(self, node: Node | BeamPlace, force, follower: bool = False) -> loads.Load:
@@ -1323,10 +1319,8 @@ class Scene:
         >>> lowest.frequencies.round(2), lowest.damping_ratios.round(4)
         (array([0.48, 3.04, 8.52]), array([0.0398, 0.0092, 0.0103]))
         """
-        alpha, tau = (
-            loads.not_negative(value, f"damping: {name}")
-            for name, value in (("mass", mass), ("stiffness", stiffness))
-        )
+        alpha = loads.not_negative(mass, "damping: mass")
+        tau = loads.not_negative(stiffness, "damping: stiffness")
         require(alpha > 0 or tau > 0, "damping: mass, stiffness", 0.0, "positive, one at least")
         return _added(self.dampings, loads.Damping(alpha, tau))
 

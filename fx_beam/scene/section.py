@@ -58,22 +58,86 @@ Section
     With EA, GA, EI, rhoA and rhoI."""
 
 
-def _constructor(function: Callable[..., Section]) -> Callable[..., Section]:
-    """A constructor that documents the material, and explains arguments that it cannot take."""
+def _data_of_material(
+    A: Datum,
+    J: Datum,
+    E: Datum,
+    nu: float = 0.3,
+    rho: Datum = 0.0,
+    shear_factor: Datum = 5 / 6,
+    *,
+    G: Datum | None = None,
+    retardation: Datum | tuple[Datum, ...] = 0.0,
+) -> dict:
+    """Data of a `Section` of an area and a second moment of area."""
+    require(-1 < as_float(nu) <= 0.5, "Section: nu", nu, "a number in (-1, 0.5]")
+    if G is None:
+        G = _combined(functools.partial(_shear_modulus, as_float(nu)), E=E)
+    return {
+        "EA": _combined(_product, E=E, area=A),
+        "GA": _combined(_product, shear_factor=shear_factor, G=G, area=A),
+        "EI": _combined(_product, E=E, second_moment=J),
+        "rhoA": _combined(_product, rho=rho, area=A),
+        "rhoI": _combined(_product, rho=rho, second_moment=J),
+        "retardation": retardation,
+    }
 
-    @functools.wraps(function)
-    def checked(*values: Any, **named: Any) -> Section:
-        try:
-            inspect.signature(function).bind(*values, **named)
-        except TypeError as error:
-            raise SceneError(
-                f"Section.{function.__name__}: {error}. With named sizes write **material, as in "
-                "Section.rectangle(height=0.02, width=0.01, **fx_beam.materials.steel)"
-            ) from None
-        return function(*values, **named)
 
-    checked.__doc__ = inspect.cleandoc(function.__doc__ or "").replace("{material}", _MATERIAL)
-    return checked
+def _constructor(
+    shape: Callable[..., tuple[float, float]] | None, shear_factor: float | None
+) -> Callable[[Callable], Callable[..., Section]]:
+    """A constructor from the sizes of a shape, documented by a function of them, and a material."""
+
+    def made_of(documented: Callable) -> Callable[..., Section]:
+        own = [*inspect.signature(documented).parameters.values()]
+        material = [*inspect.signature(_data_of_material).parameters.values()][2:]
+        material[3] = material[3].replace(default=shear_factor)
+        signature = inspect.Signature([*own, *material], return_annotation="Section")
+
+        @functools.wraps(documented)
+        def constructed(*values, **named) -> Section:
+            try:
+                bound = signature.bind(*values, **named)
+            except TypeError as error:
+                raise SceneError(
+                    f"Section.{documented.__name__}: {error}. With named sizes write **material, "
+                    "as in Section.rectangle(height=0.02, width=0.01, **fx_beam.materials.steel)"
+                ) from None
+            bound.apply_defaults()
+            data = bound.arguments
+            cls, *sizes = (data.pop(part.name) for part in own)
+            if shape is not None:
+                size = {part.name: value for part, value in zip(own[1:], sizes, strict=True)}
+                sizes = [_combined(functools.partial(_entry, shape, i), **size) for i in (0, 1)]
+                if data["shear_factor"] is None and shape is _box:
+                    data["shear_factor"] = _combined(_share_of_webs, **size)
+            return cls(**_data_of_material(*sizes, **data))
+
+        constructed.__signature__ = signature  # type: ignore[attr-defined]
+        text = inspect.cleandoc(documented.__doc__ or "")
+        constructed.__doc__ = text.replace("{material}", _MATERIAL)
+        return constructed
+
+    return made_of
+
+
+def _rectangle(height: float, width: float) -> tuple[float, float]:
+    return height * width, width * height**3 / 12
+
+
+def _circle(diameter: float) -> tuple[float, float]:
+    return math.pi * diameter**2 / 4, math.pi * diameter**4 / 64
+
+
+def _tube(diameter: float, thickness: float) -> tuple[float, float]:
+    (A, J), (A_inner, J_inner) = _circle(diameter), _circle(_inner(diameter, thickness))
+    return A - A_inner, J - J_inner
+
+
+def _box(height: float, width: float, thickness: float) -> tuple[float, float]:
+    inner = _inner(height, thickness), _inner(width, thickness)
+    (A, J), (A_inner, J_inner) = _rectangle(height, width), _rectangle(*inner)
+    return A - A_inner, J - J_inner
 
 
 @dataclass(frozen=True)
@@ -253,19 +317,8 @@ class Section:
         return any(map(callable, self._data(name)))
 
     @classmethod
-    @_constructor
-    def rectangle(
-        cls,
-        height: Datum,
-        width: Datum,
-        E: Datum,
-        nu: float = 0.3,
-        rho: Datum = 0.0,
-        shear_factor: Datum = 5 / 6,
-        *,
-        G: Datum | None = None,
-        retardation: Datum | tuple[Datum, ...] = 0.0,
-    ) -> Section:
+    @_constructor(_rectangle, 5 / 6)
+    def rectangle(cls, height: Datum, width: Datum):
         """Rectangular section.
 
         Parameters
@@ -283,22 +336,10 @@ class Section:
         >>> round(steel.EI), round(steel.rhoA, 2)
         (1400, 1.57)
         """
-        areas = _areas(_rectangle, height=height, width=width)
-        return cls.from_area(*areas, E, nu, rho, shear_factor, G=G, retardation=retardation)
 
     @classmethod
-    @_constructor
-    def circle(
-        cls,
-        diameter: Datum,
-        E: Datum,
-        nu: float = 0.3,
-        rho: Datum = 0.0,
-        shear_factor: Datum = 0.9,
-        *,
-        G: Datum | None = None,
-        retardation: Datum | tuple[Datum, ...] = 0.0,
-    ) -> Section:
+    @_constructor(_circle, 0.9)
+    def circle(cls, diameter: Datum):
         """Solid circular section.
 
         Parameters
@@ -307,23 +348,10 @@ class Section:
             Diameter [m].
         {material}
         """
-        areas = _areas(_circle, diameter=diameter)
-        return cls.from_area(*areas, E, nu, rho, shear_factor, G=G, retardation=retardation)
 
     @classmethod
-    @_constructor
-    def tube(
-        cls,
-        diameter: Datum,
-        thickness: Datum,
-        E: Datum,
-        nu: float = 0.3,
-        rho: Datum = 0.0,
-        shear_factor: Datum = 0.5,
-        *,
-        G: Datum | None = None,
-        retardation: Datum | tuple[Datum, ...] = 0.0,
-    ) -> Section:
+    @_constructor(_tube, 0.5)
+    def tube(cls, diameter: Datum, thickness: Datum):
         """Circular hollow section; the default shear factor is that of a thin wall.
 
         Parameters
@@ -343,24 +371,10 @@ class Section:
         >>> round(1e4 * tube.EA, 2), round(1e8 * tube.EI, 1)
         (4.53, 11.6)
         """
-        areas = _areas(_tube, diameter=diameter, thickness=thickness)
-        return cls.from_area(*areas, E, nu, rho, shear_factor, G=G, retardation=retardation)
 
     @classmethod
-    @_constructor
-    def box(
-        cls,
-        height: Datum,
-        width: Datum,
-        thickness: Datum,
-        E: Datum,
-        nu: float = 0.3,
-        rho: Datum = 0.0,
-        shear_factor: Datum | None = None,
-        *,
-        G: Datum | None = None,
-        retardation: Datum | tuple[Datum, ...] = 0.0,
-    ) -> Section:
+    @_constructor(_box, None)
+    def box(cls, height: Datum, width: Datum, thickness: Datum):
         """Rectangular hollow section with sharp corners.
 
         By default the shear area is that of the two walls along the height.
@@ -375,26 +389,10 @@ class Section:
             Thickness of all four walls [m]; at most half of each depth.
         {material}
         """
-        size = {"height": height, "width": width, "thickness": thickness}
-        areas = _areas(_box, **size)
-        if shear_factor is None:
-            shear_factor = _combined(_share_of_webs, **size)
-        return cls.from_area(*areas, E, nu, rho, shear_factor, G=G, retardation=retardation)
 
     @classmethod
-    @_constructor
-    def from_area(
-        cls,
-        area: Datum,
-        second_moment: Datum,
-        E: Datum,
-        nu: float = 0.3,
-        rho: Datum = 0.0,
-        shear_factor: Datum = 5 / 6,
-        *,
-        G: Datum | None = None,
-        retardation: Datum | tuple[Datum, ...] = 0.0,
-    ) -> Section:
+    @_constructor(None, 5 / 6)
+    def from_area(cls, area: Datum, second_moment: Datum):
         """Section of given area and second moment of area.
 
         Parameters
@@ -405,18 +403,6 @@ class Section:
             Second moment of area [m^4].
         {material}
         """
-        require(-1 < as_float(nu) <= 0.5, "Section: nu", nu, "a number in (-1, 0.5]")
-        A, J = {"area": area}, {"second_moment": second_moment}
-        if G is None:
-            G = _combined(functools.partial(_shear_modulus, as_float(nu)), E=E)
-        return cls(
-            EA=_combined(_product, E=E, **A),
-            GA=_combined(_product, shear_factor=shear_factor, G=G, **A),
-            EI=_combined(_product, E=E, **J),
-            rhoA=_combined(_product, rho=rho, **A),
-            rhoI=_combined(_product, rho=rho, **J),
-            retardation=retardation,
-        )
 
 
 def functions_of_section(section: Section) -> Iterator[tuple[str, Expr]]:
@@ -467,32 +453,8 @@ def _of_data(function: Callable[..., float], data: dict[str, Datum], fraction: f
     return function(*(_value(name, datum, fraction) for name, datum in data.items()))
 
 
-def _areas(shape: Callable[..., tuple[float, float]], **size: Datum) -> list[Datum]:
-    """Area [m^2] and second moment of area [m^4] of a shape, by its sizes."""
-    return [_combined(functools.partial(_entry, shape, i), **size) for i in (0, 1)]
-
-
 def _entry(shape: Callable[..., tuple[float, float]], i: int, *size: float) -> float:
     return shape(*size)[i]
-
-
-def _rectangle(height: float, width: float) -> tuple[float, float]:
-    return height * width, width * height**3 / 12
-
-
-def _circle(diameter: float) -> tuple[float, float]:
-    return math.pi * diameter**2 / 4, math.pi * diameter**4 / 64
-
-
-def _tube(diameter: float, thickness: float) -> tuple[float, float]:
-    (A, J), (A_inner, J_inner) = _circle(diameter), _circle(_inner(diameter, thickness))
-    return A - A_inner, J - J_inner
-
-
-def _box(height: float, width: float, thickness: float) -> tuple[float, float]:
-    inner = _inner(height, thickness), _inner(width, thickness)
-    (A, J), (A_inner, J_inner) = _rectangle(height, width), _rectangle(*inner)
-    return A - A_inner, J - J_inner
 
 
 def _share_of_webs(height: float, width: float, thickness: float) -> float:
