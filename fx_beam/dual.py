@@ -11,9 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-#: An array, or a `Dual` if numbers in it have slopes; mypy takes both for anything.
-MaybeDual = Any
-
 # Types of lists, and of numbers without slopes.
 _SEQUENCES, _NUMBERS = frozenset([list, tuple]), frozenset([float, int, bool, np.float64])
 # Attributes of an array that are those of the values.
@@ -166,11 +163,19 @@ class Dual(NDArrayOperatorsMixin):
         return _call_without_slopes(f"numpy.{function.__name__}", function, inputs, options)
 
 
+#: An array, or a `Dual` if numbers in it have slopes.
+MaybeDual = np.ndarray | Dual
+
+
 class LinearDual(Dual):
     """A linear function of numbers with slopes; its own slopes are computed when they are read."""
 
     def __init__(
-        self, values: np.ndarray, function: Callable[[Dual], Dual], dual: Dual, transposed: Callable
+        self,
+        values: np.ndarray,
+        function: Callable[[MaybeDual], MaybeDual],
+        dual: Dual,
+        transposed: Callable[[np.ndarray], np.ndarray],
     ):
         self.values, self._dual = values, dual
         self._function, self._transposed = function, transposed
@@ -184,7 +189,8 @@ class LinearDual(Dual):
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
         """Numbers (k,) by which slopes differ from zero, and their slopes; no others are made."""
         numbers, slopes = self._dual.columns
-        return numbers, self._function(Dual(self._dual.values, slopes)).slopes
+        columns = self._function(Dual(self._dual.values, slopes))
+        return numbers, with_slopes(columns, len(numbers)).slopes
 
     def along(self, gradient: np.ndarray) -> np.ndarray:
         """Derivatives (m,) from a gradient (n,) by the values, without the slopes."""
@@ -196,6 +202,18 @@ class LinearDual(Dual):
         (numbers, columns), slopes = self.columns, np.zeros((*self.shape, self.count))
         slopes[..., numbers] = columns
         return slopes
+
+
+def linear(
+    function: Callable[[MaybeDual], MaybeDual],
+    values: MaybeDual,
+    transposed: Callable[[np.ndarray], np.ndarray],
+) -> MaybeDual:
+    """A linear function of values, as a `LinearDual` if they have slopes."""
+    result = floats(function(floats(values)))
+    if not isinstance(values, Dual):
+        return result
+    return LinearDual(result, function, values, transposed)
 
 
 class LinearChanges:
@@ -292,7 +310,7 @@ def slopes_by(x: np.ndarray, constant: Iterable[int] = ()) -> Dual:
     return Dual(x, slopes)
 
 
-def scene_number(dual: MaybeDual) -> MaybeDual:
+def scene_number(dual: MaybeDual) -> Any:
     """A dual number or array as a scene keeps it: a `DualFloat` or `DualArray`; others as is."""
     if not isinstance(dual, Dual):
         return dual
@@ -303,7 +321,7 @@ def scene_number(dual: MaybeDual) -> MaybeDual:
     return array
 
 
-def dual_of(value: MaybeDual) -> Dual | None:
+def dual_of(value: object) -> Dual | None:
     """Numbers of any shape as a dual number; None if nothing in them has slopes."""
     if isinstance(value, Dual):
         return value
@@ -333,7 +351,7 @@ def _flat(values: Any) -> tuple[Any, list[int]] | None:
     return values, shape
 
 
-def dual_array(values: MaybeDual) -> MaybeDual:
+def dual_array(values: object) -> MaybeDual:
     """An array of floats, or a `Dual` if any entry has slopes."""
     if isinstance(values, list | tuple) and (flat := _flat(values)) is not None:
         return np.array(flat[0], float).reshape(flat[1])  # quickly
@@ -341,7 +359,7 @@ def dual_array(values: MaybeDual) -> MaybeDual:
     return np.array(values, float) if dual is None else dual
 
 
-def floats(values: MaybeDual) -> MaybeDual:
+def floats(values: MaybeDual) -> np.ndarray:
     """The values without slopes."""
     return values.values if isinstance(values, Dual) else values
 
@@ -354,7 +372,7 @@ def _call_without_slopes(name: str, function: Callable, inputs: Any, options: di
     return function(*plain, **options)
 
 
-def with_slopes(values: MaybeDual, count: int) -> Dual:
+def with_slopes(values: object, count: int) -> Dual:
     """Values with slopes by `count` numbers, zero where they have none."""
     dual = dual_array(values)
     return dual if isinstance(dual, Dual) else Dual(dual, np.zeros((*dual.shape, count)))

@@ -190,5 +190,7 @@ class StateChange:
             if (values := getattr(self._state, name)) is not None
         }
         state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
-        natural = data.natural.numbers_at(state.t) if data.natural else None
+        if not data.natural:
+            return state
+        natural: Any = data.natural.numbers_at(state.t)
         return replace(state, natural=natural if isinstance(change, Dual) else floats(natural))

@@ -11,7 +11,7 @@ import scipy.linalg
 import scipy.sparse
 from numpy.typing import ArrayLike
 
-from fx_beam.dual import Dual
+from fx_beam.dual import Dual, MaybeDual
 from fx_beam.errors import SceneError
 from fx_beam.fem.frictions import friction_sticks
 from fx_beam.fem.point_values import slopes_by_load_factor
@@ -131,7 +131,7 @@ class TangentDerivatives:
         scene: Scene,
         change: np.ndarray | Dual | None = None,
         start: StateChange | None = None,
-    ) -> dict[str, np.ndarray]:
+    ) -> dict[str, MaybeDual]:
         """The numbers of this equilibrium for another scene; OtherStructureError if it differs.
 
         With those of its state if this has a start, which changes with x.

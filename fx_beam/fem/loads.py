@@ -61,7 +61,7 @@ class UnitLoad(NamedTuple):
     function: Signal
     #: What it is, for messages.
     what: str
-    values: np.ndarray
+    values: MaybeDual
     rows: np.ndarray
     counts: np.ndarray
 
@@ -104,7 +104,7 @@ class SumOfLoads:
         """Their sum at the time t [s]; StepError if a function fails."""
         if not self.functions:
             return np.zeros(self.shape)
-        return self._sum(floats(self.entries), [*map(floats, self._factors(t))])
+        return floats(self._sum(floats(self.entries), [*map(floats, self._factors(t))]))
 
     def numbers_at(self, t: float) -> MaybeDual:
         """The sum at the time t [s], with slopes that the scene has."""
@@ -201,7 +201,7 @@ def _unit_load(scene: Scene | LoadedBeams, mesh: Mesh, X: np.ndarray, load: Load
     else:
         share = np.ones((len(nearest.points), 1))
         if load.between is not None:
-            share = nearest.of(lambda s: np.ones((len(s), 1)), load.between)
+            share = floats(nearest.of(lambda s: np.ones((len(s), 1)), load.between))
         unit = scipy.sparse.csc_matrix(unit @ np.kron(share, np.eye(2)))
     return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
 
@@ -233,7 +233,8 @@ def _strain(
     points = degree * cells[:, None] + np.arange(degree)
     rows = 3 * points.ravel() + [*NAMES].index(name)
     nearest = NearestValues(beam.s / beam.length, degree)
-    values, counts = np.ones(len(rows)), np.array([len(rows)])
+    counts = np.array([len(rows)])
+    values: MaybeDual = np.ones(len(rows))
     subject = f"{NAMES[name]} of beam {beam.name!r}"
     if isinstance(function, SignalAlong):
         function, counts = ValuesOverTime(function, nearest), np.ones(len(rows), dtype=int)

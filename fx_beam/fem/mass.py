@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from fx_beam.dual import Dual, LinearDual, MaybeDual, dual_array, dual_of, floats
+from fx_beam.dual import MaybeDual, dual_array, dual_of, floats, linear
 from fx_beam.errors import all_of, any_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
@@ -126,20 +126,15 @@ class Mass:
 
     def _numbers_of(self, scene: Scene, X: MaybeDual) -> dict[str, MaybeDual]:
         masses = self._masses(scene, X)
-        entries = self.places.entries(floats(masses))
-        mass: MaybeDual = entries
-        if isinstance(masses, Dual):
-            mass = LinearDual(entries, self.places.entries, masses, self.places.mass_slopes)
-        if (gravity := scene.gravity) is None:
+        places, gravity = self.places, scene.gravity
+        mass = linear(places.entries, masses, places.mass_slopes)
+        if gravity is None:
             return {"mass": mass}
-        weights = functools.partial(self.places.weights, gravity)
+        weights = functools.partial(places.weights, gravity)
         if dual_of(gravity) is not None:
             return {"mass": mass, "weight": weights(mass)}
-        weight = weights(entries)
-        if isinstance(masses, Dual):
-            back = functools.partial(self.places.entry_slopes, gravity)
-            weight = LinearDual(weight, weights, mass, back)
-        return {"mass": mass, "weight": weight}
+        back = functools.partial(places.entry_slopes, gravity)
+        return {"mass": mass, "weight": linear(weights, mass, back)}
 
     def check(self, numbers: dict[str, MaybeDual]) -> None:
         """OtherStructureError if other entries are zero."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from fx_beam.dual import Dual, MaybeDual, dual_array, floats
+from fx_beam.dual import Dual, MaybeDual, dual_array, floats, scene_number
 from fx_beam.scene.beam import gauss_rule, lagrange
 from fx_beam.scene.functions import ArrayCalls, Signal, SignalAlong, evaluate
 
@@ -28,7 +28,7 @@ _AT_ONCE = 50
 _TOLERANCE, _PARTS, _ENDS = 1e-12, (4, 64, 32), np.array([1e-11, 1 - 1e-11])
 
 # Values (n, size) of a function at n places.
-_Values = Callable[[np.ndarray], np.ndarray]
+_Values = Callable[[np.ndarray], MaybeDual]
 
 
 class NearestValues:
@@ -43,7 +43,7 @@ class NearestValues:
         #: Places (elements * rule,) of the points.
         self.points = (ends[:-1, None] + self._lengths[:, None] * self._rule[0]).ravel()
 
-    def of(self, function: _Values, part: Sequence[float] | None = None) -> np.ndarray:
+    def of(self, function: _Values, part: Sequence[float] | None = None) -> MaybeDual:
         """Values of a function, which is zero outside a part between two places."""
         if part is not None or self.is_rough(function):
             return self.divided(function, part)
@@ -65,7 +65,7 @@ class NearestValues:
         difference = v[:, 2 * size :] - 2 * v[:, size:-size] + v[:, : -2 * size]
         return abs(difference).max(axis=1) > _SUSPECT * abs(v).max(axis=1)
 
-    def divided(self, function: _Values, part: Sequence[float] | None = None) -> np.ndarray:
+    def divided(self, function: _Values, part: Sequence[float] | None = None) -> MaybeDual:
         """Values of a function that jumps: elements are divided until they meet the jumps."""
         count = len(self._lengths)
         parts = max(_PARTS[0], -(-_PARTS[1] // count))
@@ -75,7 +75,7 @@ class NearestValues:
         )
         cells = np.flatnonzero(end > start)
         start, width = start[cells], (end - start)[cells]
-        total: MaybeDual = 0.0
+        total: MaybeDual = np.zeros(())
         largest = 0.0
         while len(cells):
             width = np.repeat(width / parts, parts)
@@ -139,9 +139,9 @@ class ValuesOverTime(Signal):
         self._nearest, self._values_at = nearest, function.at
         self._is_rough, self._calls, self._next_look = False, 0, 0
 
-    def __call__(self, *arguments: float) -> MaybeDual:
+    def __call__(self, *arguments: float) -> np.ndarray:
         """The values at a time [s]."""
-        return self._at([*arguments], lambda function, t: function(t))[0]
+        return scene_number(self._at([*arguments], lambda function, t: function(t))[0])
 
     def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> MaybeDual:
         """Values (n, ...) at n times; StepError if the function fails."""
@@ -149,16 +149,16 @@ class ValuesOverTime(Signal):
         parts = (times[k : k + _AT_ONCE].tolist() for k in range(0, len(times), _AT_ONCE))
         return np.concatenate([self._at(part, call) for part in parts])
 
-    def _at(self, times: list[float], call: Callable) -> np.ndarray:
+    def _at(self, times: list[float], call: Callable) -> MaybeDual:
         values_at, nearest = self._values_at, self._nearest
 
-        def at_points(t: float) -> np.ndarray:
+        def at_points(t: float) -> MaybeDual:
             return values_at(nearest.points, t)
 
         def is_rough(t: float) -> bool:
             return nearest.is_rough(lambda places: values_at(places, t))
 
-        def divided(t: float) -> np.ndarray:
+        def divided(t: float) -> MaybeDual:
             return nearest.divided(lambda places: values_at(places, t))
 
         if not self._is_rough:

@@ -124,7 +124,7 @@ class ParameterValues:
         """The values (n,) at a time [s]; StepError if a function fails."""
         return self.values.copy() if self._held else self.signals.at(t)
 
-    def at_times(self, times: np.ndarray) -> np.ndarray:
+    def at_times(self, times: np.ndarray) -> MaybeDual:
         """The values (times, n) at some times [s]."""
         if self._held or not self.names:
             return np.tile(self.values, (len(times), 1))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import dual_array
+from fx_beam.dual import MaybeDual, dual_array
 from fx_beam.fem.scene_data import Data
 from fx_beam.results.state import State
 from fx_beam.step.forcing import Forcing
@@ -41,7 +41,7 @@ _OF_STATE = "q", "q_previous", "v", "slides", "motors", "internal", "spring_inte
 
 def numbers_in_steps(
     model: Model, data: Data, state: State, t0: np.ndarray, t1: np.ndarray
-) -> dict[str, np.ndarray]:
+) -> dict[str, MaybeDual]:
     """All numbers of a scene by name, its initial state, and functions of time in steps.
 
     The steps, or sub-steps of the scheme, begin at t0 (n,) and end at t1 (n,) [s].
@@ -61,7 +61,7 @@ def numbers_in_steps(
 
 def observed_numbers_of(
     model: Model, data: Data, state: State, times: np.ndarray, lengths: np.ndarray, at_start: bool
-) -> dict[str, np.ndarray]:
+) -> dict[str, MaybeDual]:
     """Numbers that only outputs read: axes of joints, and rates of driven motions.
 
     These rates are at `times` (n,), by steps of the `lengths` (n,) that end there [s]. With
@@ -102,7 +102,7 @@ def _or_zeros(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
 
 def static_numbers_of(
     model: Model, data: Data, time: float, factors: np.ndarray
-) -> dict[str, np.ndarray]:
+) -> dict[str, MaybeDual]:
     """All numbers from the reference configuration, in steps to load factors at a time [s]."""
     forcing, (parameters, *_), followers = Forcing(model, data), data.forms, data.forms.followers
     rows, t = len(factors), np.array([time])
@@ -132,5 +132,5 @@ def numbers_of_state(data: Data, state: State) -> dict[str, Any]:
     return _arrays(named | {"forces of lines": state.line_forces})
 
 
-def _arrays(numbers: dict[str, Any]) -> dict[str, np.ndarray]:
+def _arrays(numbers: dict[str, Any]) -> dict[str, MaybeDual]:
     return {name: dual_array(values) for name, values in numbers.items() if values is not None}

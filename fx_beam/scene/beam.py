@@ -429,8 +429,8 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
     counts = _spread(elements, lengths, name)
     if sum(counts) == len(counts):  # quickly, as in frames of many members
         return Layout(points, np.concatenate(([0.0], np.cumsum(lengths))))
-    ends, positions, places = [points[0]], [corners[:1]], dual_array(places)
-    for a, b, count, corner in zip(places[:-1], places[1:], counts, points[1:], strict=True):
+    ends, positions, fractions = [points[0]], [corners[:1]], dual_array(places)
+    for a, b, count, corner in zip(fractions[:-1], fractions[1:], counts, points[1:], strict=True):
         piece_points = np.linspace(a, b, count + 1)[1:]
         ends += [*map(tuple, piece_points[:-1].tolist()), corner]
         positions.append(floats(piece_points))

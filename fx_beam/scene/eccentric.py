@@ -17,7 +17,7 @@ def shifted(line: Layout, offset: float, name: str) -> Layout:
     """The axis at a distance `offset` to the left of a line, mitred in corners."""
     offset = finite(offset, f"beam {name!r}: offset")
     ends = dual_array([position_of(end) for end in line.ends])
-    inner = [] if line.inner is None else [*np.moveaxis(dual_array(line.inner), 1, 0)]
+    inner = [] if line.inner is None else [*np.swapaxes(dual_array(line.inner), 0, 1)]
     points = [ends[:-1], *inner, ends[1:]]
     normals = _left_of(points)
     last_normals, next_normals = normals[-1][:-1], normals[0][1:]

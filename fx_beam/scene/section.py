@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, DualFloat, dual_array, floats, scene_number
+from fx_beam.dual import Dual, DualFloat, MaybeDual, dual_array, floats, scene_number
 from fx_beam.errors import (
     IS_DATA,
     LARGEST,
@@ -431,7 +431,7 @@ def _values(
         value = 0.0 if datum is None else _value(name, datum)
         return np.broadcast_to(dual_array(value), fractions.shape)
 
-    def each(rows: np.ndarray) -> np.ndarray:
+    def each(rows: np.ndarray) -> MaybeDual:
         return dual_array([[_value(name, datum, float(f))] for f in rows[:, 0]])
 
     rows = fractions.reshape(-1, 1)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fx_beam.dual import floats
+from fx_beam.dual import MaybeDual, floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.fem.scene_data import Data
@@ -91,7 +91,7 @@ class Forcing:
         bend = np.where(abs(wide / 100 - short) < 60 * noise, wide / 100, short)
         return np.where(abs(rates) < error, 0.0, rates) / h, bend / (10 * h) ** 2
 
-    def end_rates(self, ends: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    def end_rates(self, ends: np.ndarray, lengths: np.ndarray) -> MaybeDual:
         """Rates (n, driven) of driven motion at the ends of steps, from values in these steps.
 
         By differences of order four; steps of negative length start at these times.
@@ -100,11 +100,11 @@ class Forcing:
         positions = self.series(times).reshape(len(ends), 5, len(self._driven))
         return 8 * _OF_DIFFERENCES @ (positions[:, 1:] - positions[:, :-1]) / lengths[:, None]
 
-    def naturals(self, ends: np.ndarray) -> np.ndarray:
+    def naturals(self, ends: np.ndarray) -> MaybeDual:
         """Factors (steps, n) of the unit natural strains at the ends of steps."""
         return self.data.natural.series(before(ends))
 
-    def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
+    def loads(self, t0: np.ndarray, t1: np.ndarray) -> MaybeDual:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
         loads, both_ends = self.data.loads, np.stack(just_inside(t0, t1), axis=1)
         return loads.series(both_ends.ravel()).reshape(len(t0), 2, len(loads.starts) - 1)

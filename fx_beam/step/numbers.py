@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import numpy as np
 
 from fx_beam.coupling.graph import joints_with_arms, motors
 from fx_beam.coupling.joints_in_c import numbers_of_gears
-from fx_beam.dual import dual_array, floats
+from fx_beam.dual import MaybeDual, dual_array, floats
 from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
 from fx_beam.fem.scene_data import Arms, Data, form_data
 from fx_beam.scene.scene import Scene
@@ -55,10 +54,11 @@ def _check(model: Model, data: Data) -> None:
             old.check(new)
 
 
-def numbers_of(model: Model, data: Data) -> dict[str, Any]:
+def numbers_of(model: Model, data: Data) -> dict[str, MaybeDual]:
     """All numbers by name as flat arrays, with slopes that the scene has."""
     scene, couplings = data.scene, model.couplings
-    numbers = {"X": data.X, "columns": data.loads.entries} | data.forms.numbers | data.masses
+    numbers: dict[str, object] = {"X": data.X, "columns": data.loads.entries}
+    numbers |= data.forms.numbers | data.masses
     if data.natural:
         numbers["natural columns"] = data.natural.entries
     if moving := joints_with_arms(couplings, scene):
