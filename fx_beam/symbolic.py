@@ -5,16 +5,20 @@ from __future__ import annotations
 import importlib
 import io
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 if TYPE_CHECKING:
+    from ufl import Form
     from ufl.core.expr import Expr
-else:  # as a type alone
-    Expr = object
+else:  # UFL is loaded when something is written in it
+    Expr = Form = object
 
 
-def package(name: str) -> Any:
+def package(name: str) -> ModuleType:
     """UFL or FFCx; UFL asks the streams that it writes to, which may be missing, for a terminal."""
     streams = {stream: getattr(sys, stream) for stream in ("stdout", "stderr")}
     missing = {s: file for s, file in streams.items() if getattr(file, "closed", file is None)}
@@ -38,7 +42,7 @@ class _Ufl:
 ufl: Any = _Ufl()
 
 
-def parts_of(expression: Expr) -> Iterable[Expr]:
+def parts_of(expression: Expr) -> Iterator[Expr]:
     """An expression and all its parts, each once."""
     return ufl.corealg.traversal.unique_pre_traversal(expression)
 
@@ -57,8 +61,8 @@ def is_zero(expression: Expr) -> bool:
 class Written(NamedTuple):
     """Forms, or expressions with their points, in UFL, which are used together, by name."""
 
-    forms: Mapping[str, Any]
+    forms: Mapping[str, Form | tuple[Expr, np.ndarray]]
     #: Names of their coefficients and constants, by UFL's symbols.
-    names: Mapping[Any, str]
+    names: Mapping[Expr, str]
     #: What else their users must know, as JSON has it.
     facts: Mapping[str, Any] = {}

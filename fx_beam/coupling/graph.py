@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -526,7 +526,7 @@ class Auxiliaries:
         auxiliaries = scipy.sparse.eye(*self._shape, k=self._shape[1] - self._count)
         return (self._entries.matrix(values, self._shape) - auxiliaries).tocsr()
 
-    def members(self) -> dict[str, Any]:
+    def members(self) -> dict[str, object]:
         """The sums as ``Auxiliary`` of problem.h."""
         owners, arms = self._entries.arms
         return {

@@ -19,8 +19,6 @@ no inertia against a motion that the loops do not allow.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy.sparse
 
@@ -112,7 +110,7 @@ class Loops:
         columns = self._couplings.columns + len(self._couplings.auxiliaries)
         return self._entries.matrix(values, (len(self._couplings.closures), columns))
 
-    def members(self) -> dict[str, Any]:
+    def members(self) -> dict[str, object]:
         """``Loops`` of problem.h, without positions in the tangent."""
         couplings, arm_joints = self._couplings, self._couplings.arm_joints
         arms = {
@@ -154,7 +152,7 @@ class Loops:
             "carried_closure": self._carried,
         }
 
-    def gear_members(self, numbers: np.ndarray) -> dict[str, Any]:
+    def gear_members(self, numbers: np.ndarray) -> dict[str, object]:
         """``Gears`` of problem.h."""
         gears = self._couplings.gears
         arms = {joint.number: m for m, joint in enumerate(self._couplings.arm_joints)}

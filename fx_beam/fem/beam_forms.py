@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.dual import MaybeDual
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import StepBatch
@@ -18,9 +18,35 @@ from fx_beam.scene.section import Section
 
 from .assembly import Term
 from .beam_data import LOSSES, BeamData, Kind, StepFacts, distinct, shapes_of
-from .form_library import FormModule, FormSource
+from .form_library import FormModule, form_module
 from .mesh import Mesh
 from .parameter_values import ParameterValues
+
+if TYPE_CHECKING:
+    from .vjp_form import DerivedForm
+
+
+class FormSource:
+    """Forms of a kind, written in UFL only if they are not in the cache.
+
+    For a kind without a key the writer is made in any case: it has functions of a user.
+    """
+
+    def __init__(self, kind: Kind):
+        self._kind = kind
+        if kind.key is None:
+            self._writer  # noqa: B018  # what is wrong with functions is said at once
+
+    @cached_property
+    def _writer(self) -> DerivedForm:
+        from .vjp_form import DerivedForm
+
+        return DerivedForm(self._kind)
+
+    def module(self, method: str, *names: str) -> FormModule:
+        """Forms that a method of the writer gives for some names."""
+        key = self._kind.key and ("DerivedForm", *self._kind.key, method, *names)
+        return form_module(key, lambda: getattr(self._writer, method)(*names))
 
 
 class BeamForms:
@@ -43,7 +69,7 @@ class BeamForms:
         self.has_external = bool(scene.virtual_works)
         self.kind, tags = _kind(scene, scheme, mesh, numbers, holds)
         #: The writer of its forms.
-        self.source = FormSource("DerivedForm", self.kind, functools.partial(_written, self.kind))
+        self.source = FormSource(self.kind)
         step = self._compiled()
         #: What is known of the forms.
         self.facts = facts = StepFacts(**step.facts["step"])
@@ -148,12 +174,6 @@ class BeamForms:
         for values in others:
             first += values
         return first
-
-
-def _written(kind: Kind) -> Any:
-    from .vjp_form import DerivedForm
-
-    return DerivedForm(kind)
 
 
 def _kind(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.point_laws import ForceStep, PointLaw, StepForces, StepRule, arguments
 from fx_beam.laws.rates import NodalRates
 from fx_beam.scene.parameters import names_of, parameters_in, replaced
-from fx_beam.symbolic import Written, derivatives_taken, is_zero, ufl
+from fx_beam.symbolic import Expr, Written, derivatives_taken, is_zero, ufl
 
 from .assembly import tabulated
 from .form_library import CompiledForm, form_module
@@ -25,16 +24,16 @@ LIBRARY = "forces at points", "point_forces.h", "point_force.h"
 _OTHERS = "energy", "loss", "switches", "pull"
 
 # A UFL vector of UFL numbers.
-Values = Callable[[Any], Any]
+Values = Callable[[Expr], Expr]
 
 
-def _shared(expression: Any, variables: bool = True) -> Any:
+def _shared(expression: Expr, variables: bool = True) -> Expr:
     """The expression with equal parts as one object, with or without variables of derivatives.
 
     UFL compares equal objects part by part, whose number without sharing grows exponentially.
     """
-    known: dict[int, Any] = {}
-    shared_parts: dict[Any, Any] = {}
+    known: dict[int, Expr] = {}
+    shared_parts: dict[Expr, Expr] = {}
     reuse = ufl.corealg.multifunction.MultiFunction().reuse_if_untouched
     left = [expression]
     while left:
@@ -70,7 +69,7 @@ class PointFunction:
         return tabulated(self.address, none, numbers, none[0], self.size)[:, 0]
 
 
-def _numbers(count: int) -> Any:
+def _numbers(count: int) -> Expr:
     """UFL's symbol for so many numbers."""
     from . import elements
 
@@ -90,7 +89,7 @@ def _written(values: Mapping[str, Values], arguments: int) -> Written:
     return Written(expressions, {numbers: "numbers"})
 
 
-def point_function(name: str, values: Values, arguments: int, key: Any = None) -> PointFunction:
+def point_function(name: str, values: Values, arguments: int, key: object = None) -> PointFunction:
     """A UFL vector of `arguments` numbers as a C function.
 
     It has a key if no function of a user is in it.
@@ -124,7 +123,7 @@ class CompiledLaw:
         return self._functions[quantity].address if quantity in self._functions else 0
 
     @property
-    def members(self) -> dict[str, Any]:
+    def members(self) -> dict[str, object]:
         """Members of it that structs in C have."""
         (row, column), law = self.entries.T, self.law
         return {
@@ -179,7 +178,7 @@ class CompiledLaw:
             parts = (part for name in ("forces", *others) for part in _parts(law, name, motion))
             self.parameters = names_of(parameters_in(*parts))
 
-        def forces(inputs: Any) -> Any:
+        def forces(inputs: Expr) -> Expr:
             motion = ForceStep(inputs, law, rule)
             step, tangent = law.forces(motion), []
             for i, force in enumerate(step.forces):
@@ -189,7 +188,7 @@ class CompiledLaw:
                         entries.append((i, k))
             return [*step.forces, *tangent, *step.internal, *step.iteration_memory]
 
-        def other(name: str, inputs: Any) -> Any:
+        def other(name: str, inputs: Expr) -> Expr:
             return _parts(law, name, ForceStep(inputs, law, rule))
 
         lists = {law.name: forces}
@@ -202,7 +201,7 @@ class CompiledLaw:
         facts = {"others": others, "entries": entries, "conditions": conditions}
         return written._replace(facts=facts)
 
-    def _vector(self, parts: Callable[[Any], list], inputs: Any) -> Any:
+    def _vector(self, parts: Callable[[Expr], list], inputs: Expr) -> Expr:
         """A list of UFL numbers as a vector, with parameters that are inputs."""
         return ufl.as_vector(_with_inputs(parts(inputs), self.law, self.parameters, inputs))
 
@@ -215,7 +214,7 @@ def _parts(law: PointLaw, quantity: str, motion: ForceStep) -> list:
     return value if isinstance(value, list) else [value]
 
 
-def _with_inputs(parts: list, law: PointLaw, parameters: Sequence[str], inputs: Any) -> list:
+def _with_inputs(parts: list, law: PointLaw, parameters: Sequence[str], inputs: Expr) -> list:
     """UFL numbers in which the last inputs take the place of parameters."""
     first = arguments(law)
     values = {name: inputs[first + i] for i, name in enumerate(parameters)}
@@ -236,7 +235,7 @@ def derivative_of(
         internal = columns[3 * n + 2 :][: law.internal]
         columns = [*columns[: 2 * n], *internal, *columns[first - law.numbers :]]
 
-    def values(symbols: Any) -> Any:
+    def values(symbols: Expr) -> Expr:
         inputs = ufl.variable(ufl.as_vector([symbols[i] for i in range(count)]))
         parts = _parts(law, quantity, ForceStep(inputs, law, rule))
         parts = _with_inputs(parts, law, parameters, inputs)

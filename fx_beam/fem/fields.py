@@ -11,7 +11,7 @@ from fx_beam.laws.rates import UpdateRule
 from fx_beam.laws.resultants import Nodes, lagrange
 from fx_beam.scene.law import Energy, functions_of_energy
 from fx_beam.scene.parameters import names_of, parameters_in, parameters_of, replaced
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from . import elements
 from .beam_data import CONSTANTS, NATURAL, NODAL, DataShape, Kind
@@ -38,7 +38,7 @@ class Fields:
         #: Natural strains at the Gauss points, at the start and at the end of the step.
         self.natural = tuple(symbols.coefficient(self.internal(3)) for _ in range(2))
         #: Coordinate on each cell, from 0 to the degree, of nodal rotations.
-        self.coordinate: Any = None
+        self.coordinate: Expr = None
         if nodal:
             self.coordinate = symbols.coefficient(symbols.coordinate_space())
         unknowns = symbols.beam_space(degree, nodal)
@@ -47,7 +47,7 @@ class Fields:
         self.test, self.trial = ufl.TestFunction(unknowns), ufl.TrialFunction(unknowns)
 
     @property
-    def names(self) -> dict[Any, str]:
+    def names(self) -> dict[Expr, str]:
         """Names of all fields, of which forms may consist."""
         moving = self.increment, self.start, *self.start_rates, self.q_previous
         names = dict(zip((*moving, *self.natural), NODAL + NATURAL, strict=True))
@@ -164,18 +164,18 @@ class FormSymbols:
             work_parameters = parameters_in(*(work.of(STEP, "virtual work") for work in kind.works))
         self.names = names_of([*energy_parameters, *kind.scheme.parameters, *work_parameters])
         #: Their values (n,), None without any, and those by name.
-        self.parameters: Any = None
+        self.parameters: Expr = None
         if self.names:
             self.parameters = fields.constants(len(self.names))
         self.by_name = {name: self.parameters[i] for i, name in enumerate(self.names)}
         #: Number of internal variables at a Gauss point, and their values at the step's start.
         self.width = max(len(internal.names) if internal else 0 for _, internal in kind.materials)
-        self.internal: Any = None
+        self.internal: Expr = None
         if self.width:
             self.internal = fields.symbols.coefficient(fields.internal(self.width))
 
     @property
-    def named_data(self) -> dict[str, Any]:
+    def named_data(self) -> dict[str, Expr]:
         """Data of beams and indicators by name."""
         return self.data | {f"indicator {i}": field for i, field in enumerate(self.indicators)}
 

@@ -78,7 +78,7 @@ class FormModule:
         return dict(zip(names, self._functions, strict=True))
 
 
-def form_module(key: Any, write: Callable[[], Written]) -> FormModule:
+def form_module(key: object, write: Callable[[], Written]) -> FormModule:
     """The forms of a key, which are written if they are not in the cache.
 
     Without a key they are written in any case, and signed: functions of a user may have changed.
@@ -92,14 +92,14 @@ def form_module(key: Any, write: Callable[[], Written]) -> FormModule:
     return compiled((FormModule, key), lambda: _loaded(key, lambda: written), user_defined=True)
 
 
-def _loaded(key: Any, write: Callable[[], Written]) -> FormModule:
+def _loaded(key: object, write: Callable[[], Written]) -> FormModule:
     name = hashlib.sha256(repr((key, _origin())).encode()).hexdigest()[:32]
     file = f"{name}.forms"
 
-    def loader(path: Path) -> Any:
+    def loader(path: Path) -> dict:
         return json.loads(library_cache.content(path))
 
-    def builder(folder: Path) -> Any:
+    def builder(folder: Path) -> dict:
         from . import ffcx_api
 
         compiler.check()
@@ -118,24 +118,3 @@ def _origin() -> tuple:
     places = [Path(spec.origin) for spec in specs if spec is not None and spec.origin]
     installed = [(str(place), place.stat().st_mtime_ns) for place in places]
     return hashlib.sha256(b"".join(texts)).hexdigest(), installed
-
-
-class FormSource:
-    """Forms of a kind by a writer in UFL, which is asked only if they are not in the cache.
-
-    For a kind without a key it is made in any case: it has functions of a user.
-    """
-
-    def __init__(self, name: str, kind: Any, make: Callable[[], Any]):
-        self._make, self._key = make, kind.key and (name, *kind.key)
-        if self._key is None:
-            self._writer  # noqa: B018  # what is wrong with functions is said at once
-
-    @cached_property
-    def _writer(self) -> Any:
-        return self._make()
-
-    def module(self, method: str, *arguments: Any) -> FormModule:
-        """Forms that a method of the writer gives for some arguments."""
-        key = self._key and (*self._key, method, *arguments)
-        return form_module(key, lambda: getattr(self._writer, method)(*arguments))

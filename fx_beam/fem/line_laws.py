@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class LineLaw:
         self._moves = np.where(moves, 2 * np.cumsum(moves) - 2, -1)
 
     @property
-    def members(self) -> dict[str, Any]:
+    def members(self) -> dict[str, object]:
         """Members of it that structs in C have."""
         (row, column), length = self.entries.T, self._length
         return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -109,7 +109,8 @@ def _both_directions(
     pairs: list[MemberPair] = []
     for (_, points, point_slots, p), (member, nodes, slots, _) in (sides, sides[::-1])[: 1 + twice]:
         lengths = share * p.lengths
-        columns: list[Any] = [contact.radii, contact.stiffness * lengths, *loss_numbers]
+        columns: list[float | np.ndarray] = [contact.radii, contact.stiffness * lengths]
+        columns += loss_numbers
         if friction is not None:
             most_mobile = mobility[mesh.dofs[points, :2]].max(axis=1)
             columns += friction_numbers(friction, lengths, most_mobile)
@@ -181,7 +182,7 @@ class MemberContacts:
         # Freed with this object: C allocates as much as there are contact points.
         self._freed = self.ffi.gc(self.c, self.library.fx_free_members)
 
-    def _row(self, i: int, point: int, number: int, arc: int) -> dict[str, Any]:
+    def _row(self, i: int, point: int, number: int, arc: int) -> dict[str, object]:
         """Members of ``MemberContact`` of a pair: its first point, number and arc among all."""
         pair, law, numbers, mesh = self.pairs[i], self.laws[i], self._numbers[i], self._mesh
         return {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -88,7 +88,7 @@ class PlacedForce(NamedTuple):
         """Places of its internal variables."""
         return self.first_internal + np.arange(self.law.law.internal)
 
-    def members(self, at_rest: bool) -> dict[str, Any]:
+    def members(self, at_rest: bool) -> dict[str, object]:
         """The force as ``PointForce`` of c/point_force.h, whose scheme may be static."""
         force, law, point_law = self.force, self.law, self.law.law
         return {

@@ -127,7 +127,7 @@ def at_points(
     scene: Scene, mesh: Mesh, X: MaybeDual, mobility: np.ndarray | None, at_rest: bool
 ) -> tuple[list[PointForce], list[MemberPair]]:
     """Forces at points, and contact with members."""
-    forces, pairs = list[PointForce](), list[Any]()
+    forces, pairs = list[PointForce](), list["MemberPair"]()
     parts = scene.joints, scene.forces_between, scene.loads, scene.contacts, scene.drags
     if not (any(parts) or scene.dampings):
         return forces, pairs

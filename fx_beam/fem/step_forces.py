@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
 
 from fx_beam.laws.interval import StepBatch
 
+if TYPE_CHECKING:
+    from .forms import Forms
+
 
 class StepForces:
     """Forces of `Forms` in a step that has begun, and at the last increment."""
 
-    def __init__(self, forms: Any, step: StepBatch):
+    def __init__(self, forms: Forms, step: StepBatch):
         self._forms, self._step = forms, step
 
     def internal(self, D: np.ndarray) -> np.ndarray:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from fx_beam.symbolic import Written, ufl
+from fx_beam.symbolic import Expr, Form, Written, ufl
 
 from .beam_data import NATURAL, Kind
 from .weak_form import WeakForm
@@ -15,9 +13,9 @@ class DerivedForm(WeakForm):
 
     def __init__(self, kind: Kind):
         super().__init__(kind)
-        self._works: dict[str, tuple[list[Any], Any, dict[str, Any]]] = {}
+        self._works: dict[str, tuple[list[Expr], Form, dict[str, Form]]] = {}
         #: Zero, added to the parameters of each element.
-        self._more: Any = None
+        self._more: Expr = None
         if self.symbols.parameters is not None:
             self._more = self.fields.data((1, self.symbols.parameters.ufl_shape))
             self.named[self._more] = "more"
@@ -37,7 +35,7 @@ class DerivedForm(WeakForm):
         tests = ["resultants"] * (name == "resultants")
         return Written(forms, self.named, {"spaces": {x: [*tests, x] for x in forms}})
 
-    def _work(self, forces: str) -> tuple[list[Any], Any, dict[str, Any]]:
+    def _work(self, forces: str) -> tuple[list[Expr], Form, dict[str, Form]]:
         """Weights w, the work w.f of "internal forces" or "drag" f, and its derivatives by name.
 
         With internal variables, their increments times further weights are added.
@@ -70,7 +68,7 @@ class DerivedForm(WeakForm):
                     spaces[f"{name} {number}"] = [name, f"weight {number}"]
         return Written(slopes, self.named, {"spaces": spaces})
 
-    def _derived(self, quantity: Any) -> tuple[Any, dict[str, Any]]:
+    def _derived(self, quantity: Form) -> tuple[Form, dict[str, Form]]:
         """A quantity, with `more` parameters, and its derivatives that are not zero, by name."""
         fields = self.fields
         if self.symbols.parameters is not None:
@@ -89,6 +87,6 @@ class DerivedForm(WeakForm):
         return quantity, {name: form for name, form in forms.items() if not _is_empty(form)}
 
 
-def _is_empty(form: Any) -> bool:
+def _is_empty(form: Form) -> bool:
     """Whether a form is zero once its derivatives are taken."""
     return ufl.algorithms.expand_derivatives(form).empty()

@@ -30,7 +30,7 @@ from fx_beam.scene.law import (
 )
 from fx_beam.scene.loads import VirtualWork
 from fx_beam.scene.parameters import replaced
-from fx_beam.symbolic import Written, ufl
+from fx_beam.symbolic import Expr, Form, Written, ufl
 
 from . import elements
 from .beam_data import LOSSES, Kind, StepFacts
@@ -88,7 +88,7 @@ class StepLaws:
                 parts.append(viscous(self.step, law, symbols.times, level))
         return resultants
 
-    def _evolved(self, variables: InternalVariables | None) -> tuple[Any, ...] | None:
+    def _evolved(self, variables: InternalVariables | None) -> tuple[Expr, ...] | None:
         if variables is None:
             return None
         old = ufl.as_vector([self.symbols.internal[i] for i in range(len(variables.names))])
@@ -97,7 +97,7 @@ class StepLaws:
         expressions = evolved(variables, old, self.step.strains0, self.step.strains1, dt, at_rest)
         return tuple(replaced(expression, self.symbols.by_name) for expression in expressions)
 
-    def _law(self, energy: Energy | None, evolution: tuple[Any, ...] | None) -> Law:
+    def _law(self, energy: Energy | None, evolution: tuple[Expr, ...] | None) -> Law:
         if energy is None:
             return quadratic_law(self.symbols.data["stiffness"])
         energy = self.symbols.with_values(energy)
@@ -123,13 +123,13 @@ class WeakForm:
             **{self.symbols.parameters: "parameters", self.symbols.internal: "internal"},
             **{symbol: name for name, symbol in self.symbols.named_data.items()},
         }
-        self._added: Any = 0
+        self._added: Form = 0
         if kind.works:
             self._add(kind.works)
 
     def _build_residual(self) -> None:
         dx = self.fields.measure(self.fields.degree)
-        none: Any = 0
+        none: Form = 0
         #: The last is the work of natural strains that change.
         self._residual = self._held_before = self._actuation = none
         stored = lost = scheme_loss = scheme_energy = none
@@ -179,7 +179,7 @@ class WeakForm:
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
         """Add the virtual works of further forces."""
-        density: Any = 0
+        density: Expr = 0
         for number, (work, support) in enumerate(
             zip(works, self.symbols.indicators, strict=True), start=1
         ):
@@ -188,7 +188,7 @@ class WeakForm:
         self._added = density * self.fields.measure(self.fields.degree)
         self._residual -= self._added
 
-    def _checked_work(self, work: VirtualWork, name: str) -> Any:
+    def _checked_work(self, work: VirtualWork, name: str) -> Expr:
         """A virtual work per length in UFL; SceneError if it is none."""
         # Nothing moves in a load step: the work is that of the forces at its end.
         step = self.laws.step.at_its_end if self.kind.scheme.rates.at_rest else self.laws.step
@@ -248,11 +248,11 @@ class WeakForm:
             energy_names=self.symbols.energy_names,
         )
 
-    def _increments(self) -> Any:
+    def _increments(self) -> Form:
         grown = [x and x[1] - x[0] for x in self.laws.evolution]
         return self._at_points(grown, ufl.TestFunction(self.fields.internal(self.symbols.width)))
 
-    def _at_points(self, vectors: Sequence[Any], test: Any) -> Any:
+    def _at_points(self, vectors: Sequence[Expr], test: Expr) -> Form:
         """Vectors of the laws, None for none, at the Gauss points, each times its weight."""
         dx, form = self.fields.measure(self.fields.degree), 0
         for tag, values in enumerate(vectors):
@@ -269,13 +269,13 @@ class WeakForm:
         """t . phi' of eq. 4 at the start of the step, 1 and the axial strain, there."""
         return self._expressions("normal stretch", [1 + self.laws.step.total_strains0[0]])
 
-    def _expressions(self, name: str, expressions: Sequence[Any]) -> Written:
+    def _expressions(self, name: str, expressions: Sequence[Expr]) -> Written:
         points = gauss_rule(self.fields.degree)[0][:, None]
         numbered = enumerate(expressions, start=1)
         return Written({f"{name} {k}": (e, points) for k, e in numbered}, self.named)
 
 
-def _inverted_sections(fields: Fields) -> Any:
+def _inverted_sections(fields: Fields) -> Form:
     """A functional of the start of a step, positive where t . phi' > 0 (eq. 4) is violated."""
     # The derivative along the element's own coordinate has the same sign and is cheaper.
     X = fields.jacobian

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from .point_laws import TINY, CoordinateKind, ForceStep, Slip, StepCoordinate, add, arm_length, dot
 
@@ -37,8 +37,8 @@ class _Meeting:
     def __init__(
         self,
         motion: ForceStep,
-        D: Sequence[Any],
-        numbers: Sequence[Any],
+        D: Sequence[Expr],
+        numbers: Sequence[Expr],
         pair: _Pair,
         shape_numbers: int,
     ):
@@ -52,7 +52,7 @@ class _Meeting:
         self.Dr, self.rates = self._relative(D), self._relative(motion.rates)
         self.r = add(self.r0, motion.rule.level, self.Dr)
 
-    def _relative(self, values: Sequence[Any]) -> list[Any]:
+    def _relative(self, values: Sequence[Expr]) -> list[Expr]:
         """From the carrier to the point."""
         n = self.pair.nodes
         points, carrier = [values[2 * a : 2 * a + 2] for a in range(n)], values[2 * n :]
@@ -60,19 +60,19 @@ class _Meeting:
         origin = carrier[:2] if self.pair.carrier_size else (0, 0)
         return [sum(xs) - c for *xs, c in zip(*points, origin, strict=True)]
 
-    def turn(self, values: Sequence[Any] | None = None) -> Any:
+    def turn(self, values: Sequence[Expr] | None = None) -> Expr:
         """The increment of the carrier's rotation, or another of its values."""
         return (self._D if values is None else values)[2 * self.pair.nodes + 2]
 
     def spread(
-        self, force: Sequence[Any], carrier_moment: Any, point_moment: Any = 0.0
-    ) -> list[Any]:
+        self, force: Sequence[Expr], carrier_moment: Expr, point_moment: Expr = 0.0
+    ) -> list[Expr]:
         """A force on the point and two moments, as forces on all entries."""
         carrier_forces = [*(-f for f in force), carrier_moment][: self.pair.carrier_size]
         moments = [N * point_moment for N in self._weights] if self.pair.turns else []
         return [*(N * f for N in self._weights for f in force), *carrier_forces, *moments]
 
-    def slip(self, n: Sequence[Any], apart: Any, half: Any) -> Slip:
+    def slip(self, n: Sequence[Expr], apart: Expr, half: Expr) -> Slip:
         """Slip of a member's material against that of the shape, along W n.
 
         The axis of the member is `apart` from the origin of the shape in the direction n, and the
@@ -112,7 +112,7 @@ def gap_of(
     law = _LAWS[shape]
     pair = _Pair(nodes, (3 if slips or law.turns else 2) * carried, thick)
 
-    def meeting(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> _Meeting:
+    def meeting(motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr]) -> _Meeting:
         return _Meeting(motion, D, numbers, pair, law.numbers)
 
     return CoordinateKind(
@@ -148,7 +148,7 @@ def _circle_slip(meeting: _Meeting) -> Slip:
     return slip._replace(normal=length / mean)
 
 
-def _line_normals(meeting: _Meeting) -> tuple[Sequence[Any], Sequence[Any], Sequence[Any]]:
+def _line_normals(meeting: _Meeting) -> tuple[Sequence[Expr], Sequence[Expr], Sequence[Expr]]:
     """Normals at both ends of the step, and at the level."""
     normal, motion = meeting.numbers, meeting.motion
     if not meeting.pair.carrier_size:
@@ -198,11 +198,11 @@ _LAWS = {
 }
 
 
-def _normal_to(a: Sequence[Any]) -> list[Any]:
+def _normal_to(a: Sequence[Expr]) -> list[Expr]:
     """W a: a turned by a right angle, anticlockwise."""
     return [-a[1], a[0]]
 
 
-def _turned(a: Sequence[Any], angle: Any) -> list[Any]:
+def _turned(a: Sequence[Expr], angle: Expr) -> list[Expr]:
     c, s = ufl.cos(angle), ufl.sin(angle)
     return [c * a[0] - s * a[1], s * a[0] + c * a[1]]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 # Length of an instant, relative to the step in it.
 _INSTANT = 2.0**-40
@@ -114,29 +114,29 @@ class Step:
     >>> work = scene.add_virtual_work(wind)
     """
 
-    u0: Any
-    psi0: Any
-    Du: Any
-    Dpsi: Any
-    u: Any
-    psi: Any
-    v: Any
-    omega: Any
-    virtual_u: Any
-    virtual_psi: Any
-    X: Any
-    t0: Any
-    h: Any
+    u0: Expr
+    psi0: Expr
+    Du: Expr
+    Dpsi: Expr
+    u: Expr
+    psi: Expr
+    v: Expr
+    omega: Expr
+    virtual_u: Expr
+    virtual_psi: Expr
+    X: Expr
+    t0: Expr
+    h: Expr
     degree: int
-    t: Any
-    dt: Any
-    load_factor: Any = 1.0
+    t: Expr
+    dt: Expr
+    load_factor: Expr = 1.0
     nodes: Any = None
-    u_before: Any = None
-    psi_before: Any = None
-    memory: Any = None
-    natural0: Any = None
-    natural1: Any = None
+    u_before: Expr = None
+    psi_before: Expr = None
+    memory: Expr = None
+    natural0: Expr = None
+    natural1: Expr = None
 
     def prime(self, field):
         """Derivative of a field along the reference arc length.

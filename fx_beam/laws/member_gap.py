@@ -13,9 +13,8 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any
 
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from .point_laws import TINY, CoordinateKind, ForceStep, Slip, StepCoordinate, add, dot
 
@@ -25,13 +24,13 @@ _SMALL = 1e-12
 # Least change of a . w, relative to |w|^2, from which the direction of friction follows.
 _STILL = 1e-9
 
-Vector = list[Any]
+Vector = list[Expr]
 # a and t at both ends of a step.
 _Ends = tuple[tuple[Vector, Vector], tuple[Vector, Vector]]
 
 
 def _gap(
-    follows: bool, motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]
+    follows: bool, motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr]
 ) -> StepCoordinate:
     """Numbers: 1 / (d^2/ds^2 |arm|^2 / 2) at the end and at the start, numbers of the slip, radii.
 
@@ -49,7 +48,7 @@ def _gap(
     return StepCoordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
 
 
-def _slip(follows: bool, motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
+def _slip(follows: bool, motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr]) -> Slip:
     """Increment of the arc length of the nearest point in the reference.
 
     Numbers: two factors of the gap, the slip, and slopes of the slip by the place, at the end and
@@ -92,15 +91,17 @@ class _Nearest:
     followed where derivatives by the start are needed.
     """
 
-    def __init__(self, motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any], follows: bool):
+    def __init__(
+        self, motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr], follows: bool
+    ):
         start, end = motion.start, add(motion.start, 1.0, D)
         end_factor, start_factor, *_ = numbers
         self._sums = (arm0, t0, _, w, *_), (arm1, t1, u, *_) = _vectors(start), _vectors(end)
         # A place is a zero of such a residual.
         self.place = -end_factor * dot(add(arm1, 0.5, t1), u)
-        self.place_at_start: Any = ufl.as_ufl(0.0)
+        self.place_at_start: Expr = ufl.as_ufl(0.0)
         #: The change of the place at the end by which slopes change, if they follow it.
-        self._slope_place: Any = ufl.as_ufl(0.0)
+        self._slope_place: Expr = ufl.as_ufl(0.0)
         if follows:
             self.place_at_start = -start_factor * dot(add(arm0, -0.5, t0), w)
             self._slope_place = self.place
@@ -125,7 +126,7 @@ class _Nearest:
         first, last = (add(sums[3], self.place_at_start, sums[4]) for sums in self._sums)
         return first, last
 
-    def rate_at_end(self) -> Any:
+    def rate_at_end(self) -> Expr:
         """The second derivative of |arm|^2 / 2 by the place at the end."""
         arm, t = self.ends[1]
         return dot(self.u, self.u) + dot(add(arm, 0.5, t), self._sums[1][5])
@@ -135,9 +136,9 @@ class _Nearest:
         arm_forces: Vector,
         tangent_forces: Vector,
         size: int,
-        u_forces: Any = (0, 0),
-        w_forces: Any = (0, 0),
-    ) -> list[Any]:
+        u_forces: Sequence[Expr] = (0, 0),
+        w_forces: Sequence[Expr] = (0, 0),
+    ) -> list[Expr]:
         """Forces (size,) on all sums, with what changes of the places add."""
         place, place0 = self.place, self.place_at_start
         half = [x / 2 for x in arm_forces]
@@ -180,15 +181,15 @@ def _directions(motion: ForceStep, ends: _Ends) -> tuple[Vector, Vector]:
     return arm_forces, [0.5 * share * x for x in arm]
 
 
-def _vectors(components: Sequence[Any]) -> list[Vector]:
+def _vectors(components: Sequence[Expr]) -> list[Vector]:
     return [list(components[i : i + 2]) for i in range(0, len(components), 2)]
 
 
-def _length(a: Vector) -> Any:
+def _length(a: Vector) -> Expr:
     return ufl.sqrt(dot(a, a) + TINY)
 
 
-def _relative(a: Vector, b: Vector) -> Any:
+def _relative(a: Vector, b: Vector) -> Expr:
     """Length of a vector relative to another one; 1 if this is zero: round the ends of members."""
     long = ufl.gt(dot(b, b), TINY)
     return ufl.conditional(long, _length(a) / ufl.conditional(long, _length(b), 1.0), 1.0)

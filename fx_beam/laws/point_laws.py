@@ -6,10 +6,10 @@ import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from fx_beam.scene.loads import PARTS_OF_DRAG
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from .kinematics import tan
 from .rates import UpdateRule
@@ -41,10 +41,10 @@ class StepRule(NamedTuple):
 class ForceStep:
     """The coordinates of a force over a step, as UFL scalars, in the order of `arguments`."""
 
-    def __init__(self, values: Any, law: PointLaw, rule: StepRule):
+    def __init__(self, values: Expr, law: PointLaw, rule: StepRule):
         n, index = law.size, iter(range(arguments(law)))
 
-        def take(count: int) -> list[Any]:
+        def take(count: int) -> list[Expr]:
             return [values[next(index)] for _ in range(count)]
 
         self.rule = rule
@@ -65,21 +65,21 @@ class ForceStep:
         #: Numbers of this force.
         self.numbers = take(law.numbers)
 
-    def at_level(self, start: Any, increment: Any) -> Any:
+    def at_level(self, start: Expr, increment: Expr) -> Expr:
         """A quantity at the scheme's level in the step."""
         return start + self.rule.level * increment
 
-    def rate_at_level(self, start: Any, mean: Any) -> Any:
+    def rate_at_level(self, start: Expr, mean: Expr) -> Expr:
         """A rate at the scheme's level, from that at the start and the mean one."""
         if self.rule.level == 0.5:
             return mean
         return start + 2 * self.rule.level * (mean - start)
 
-    def mean_rate(self, path: Any) -> Any:
+    def mean_rate(self, path: Expr) -> Expr:
         """The mean rate over the step, from the increment."""
         return path * self._inverse_dt
 
-    def path(self, D: Any) -> Any:
+    def path(self, D: Expr) -> Expr:
         """The increment of a rotation with which moments do work."""
         return 2 * tan(D / 2) if self.rule.turning else D
 
@@ -88,12 +88,12 @@ class StepForces(NamedTuple):
     """Forces and memory of a law in a step."""
 
     #: Forces (size,) against the motion, as UFL scalars.
-    forces: Sequence[Any]
+    forces: Sequence[Expr]
     #: Internal variables at the end, and what the next iteration remembers.
-    internal: Sequence[Any] = ()
-    iteration_memory: Sequence[Any] = ()
+    internal: Sequence[Expr] = ()
+    iteration_memory: Sequence[Expr] = ()
     #: The force against an increase of a single coordinate.
-    pull: Any = 0.0
+    pull: Expr = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +109,14 @@ class PointLaw:
     numbers: int
     forces: Callable[[ForceStep], StepForces]
     #: Energy stored at the start of a step, and lost in it.
-    energy: Callable[[ForceStep], Any] | None = None
-    loss: Callable[[ForceStep], Any] | None = None
+    energy: Callable[[ForceStep], Expr] | None = None
+    loss: Callable[[ForceStep], Expr] | None = None
     #: Values at the start of a step that change their sign where the force switches.
     switches: Callable[[ForceStep], list] | None = None
     #: Its pull along a line between points, if this is recorded; length and rate at the start.
-    pull: Callable[[ForceStep], Any] | None = None
-    length: Callable[[ForceStep], Any] | None = None
-    rate: Callable[[ForceStep], Any] | None = None
+    pull: Callable[[ForceStep], Expr] | None = None
+    length: Callable[[ForceStep], Expr] | None = None
+    rate: Callable[[ForceStep], Expr] | None = None
     #: Number of internal variables, and of what iterations remember.
     internal: int = 0
     iteration_memory: int = 0
@@ -147,7 +147,7 @@ class PointLaw:
         return hash((self.name, self.size, self.numbers))
 
     @property
-    def kind(self) -> Any:
+    def kind(self) -> object:
         """Identifier that laws of a kind share; functions of a user are compared in the scene."""
         return self.key if self.user_defined else self
 
@@ -176,18 +176,18 @@ def arguments(law: PointLaw) -> int:
 class StepCoordinate(NamedTuple):
     """A scalar over a step, on which a force acts: a gap, a distance, an angle or a slide."""
 
-    start: Any
-    end: Any
+    start: Expr
+    end: Expr
     #: Directions (size,) of a force with a potential, whose product with the increments is exactly
     #: the change of the coordinate.
-    along: Sequence[Any]
+    along: Sequence[Expr]
     #: Directions (size,) of other forces, and the increment with which they do work.
-    across: Sequence[Any]
-    path: Any
+    across: Sequence[Expr]
+    path: Expr
     #: Rate at the start.
-    rate: Any
+    rate: Expr
 
-    def beyond(self, limit: Any, sign: float) -> StepCoordinate:
+    def beyond(self, limit: Expr, sign: float) -> StepCoordinate:
         """The distance from a limit, on the side of a sign."""
         return StepCoordinate(
             sign * (self.start - limit),
@@ -199,7 +199,7 @@ class StepCoordinate(NamedTuple):
         )
 
 
-def smooth_sign(x: Any, still: Any, iteration_memory: Sequence[Any]) -> tuple[Any, list[Any]]:
+def smooth_sign(x: Expr, still: Expr, iteration_memory: Sequence[Expr]) -> tuple[Expr, list[Expr]]:
     """Tanh of x, and what the next iteration remembers; `still` is x without a derivative."""
     y = ufl.tanh(ufl.conditional(ufl.lt(abs(still), _LARGE), still, _LARGE * ufl.sign(still)))
     is_small = ufl.lt(abs(still), 1e-4)
@@ -210,8 +210,8 @@ def smooth_sign(x: Any, still: Any, iteration_memory: Sequence[Any]) -> tuple[An
 
 
 def clipped(
-    x: Any, still: Any, iteration_memory: Sequence[Any], edge: float = 1.0
-) -> tuple[Any, list[Any]]:
+    x: Expr, still: Expr, iteration_memory: Sequence[Expr], edge: float = 1.0
+) -> tuple[Expr, list[Expr]]:
     """x limited to -1 and 1 (to 1 from the edge on), and what the next iteration remembers."""
     exceeds = ufl.gt(abs(still), edge)
     sign = ufl.conditional(ufl.gt(still, 0), 1.0, -1.0)
@@ -220,8 +220,8 @@ def clipped(
 
 
 def _with_slope(
-    y: Any, s: Any, bend: Any, x: Any, still: Any, iteration_memory: Sequence[Any]
-) -> tuple[Any, list[Any]]:
+    y: Expr, s: Expr, bend: Expr, x: Expr, still: Expr, iteration_memory: Sequence[Expr]
+) -> tuple[Expr, list[Expr]]:
     """A bounded y(x) with a derivative with which Newton's method does not jump to and fro.
 
     With s = x / y the friction is s y = x, whose linear form has the derivative (1 - y s') / s;
@@ -247,7 +247,7 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
     """
     moves = linear or quadratic
 
-    def against(motion: ForceStep, v: list[Any]) -> list[Any]:
+    def against(motion: ForceStep, v: list[Expr]) -> list[Expr]:
         numbers, forces = iter(motion.numbers), []
         if moves:
             along = next(numbers) if linear else ufl.as_ufl(0.0)
@@ -256,7 +256,7 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
             forces += [along * v[0], along * v[1]]
         return [*forces, next(numbers) * v[-1]] if rotation else forces
 
-    def mean(motion: ForceStep) -> list[Any]:
+    def mean(motion: ForceStep) -> list[Expr]:
         paths = list(motion.increment)
         if rotation:
             paths[-1] = motion.path(paths[-1])
@@ -266,7 +266,7 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
         rates = zip(motion.rates, mean(motion), strict=True)
         return StepForces(against(motion, [motion.rate_at_level(v0, v) for v0, v in rates]))
 
-    def loss(motion: ForceStep) -> Any:
+    def loss(motion: ForceStep) -> Expr:
         v = mean(motion)
         return sum(f * x for f, x in zip(against(motion, v), v, strict=True)) * motion.dt
 
@@ -289,11 +289,11 @@ FOLLOWER = PointLaw("follower force", 3, 3, _follower)
 class Slip(NamedTuple):
     """How far a point slips along the material that it touches, over a step."""
 
-    path: Any
+    path: Expr
     #: Directions (size,) of the friction, whose product with the increments of work is the path.
-    along: Sequence[Any]
+    along: Sequence[Expr]
     #: Length of the direction of the normal force on the point, relative to that of the friction.
-    normal: Any = 1.0
+    normal: Expr = 1.0
 
 
 class CoordinateKind(NamedTuple):
@@ -303,21 +303,21 @@ class CoordinateKind(NamedTuple):
     size: int
     numbers: int
     #: From the motion, increments and numbers.
-    coordinate: Callable[[ForceStep, Sequence[Any], Sequence[Any]], StepCoordinate]
+    coordinate: Callable[[ForceStep, Sequence[Expr], Sequence[Expr]], StepCoordinate]
     #: Whether it is zero where all that it is given is zero, and regular there.
     starts_at_zero: bool = False
     #: Whether it is the length of a line between points, whose pull is recorded.
     is_line: bool = False
     #: The slip, from the motion, increments and numbers; None without friction of contact.
-    slip: Callable[[ForceStep, Sequence[Any], Sequence[Any]], Slip] | None = None
+    slip: Callable[[ForceStep, Sequence[Expr], Sequence[Expr]], Slip] | None = None
 
 
-def _slide(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
+def _slide(motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr]) -> StepCoordinate:
     start, unit = motion.start[0], [ufl.as_ufl(1.0)]
     return StepCoordinate(start, start + D[0], unit, unit, D[0], motion.rates[0])
 
 
-def _angle(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
+def _angle(motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr]) -> StepCoordinate:
     """The rotation of the second node minus that of the first.
 
     A moment with a potential is multiplied by (Dpsi_b - Dpsi_a) / (Dtheta_b - Dtheta_a), so that
@@ -326,7 +326,7 @@ def _angle(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepC
     return _turn(motion, motion.start, D, motion.rates)
 
 
-def _turn(motion: ForceStep, start: Any, D: Any, rates: Any) -> StepCoordinate:
+def _turn(motion: ForceStep, start: Expr, D: Expr, rates: Expr) -> StepCoordinate:
     """The difference b - a of two rotations among more."""
     (a, b), (Da, Db) = start, D
     start, path, ratio = b - a, Db - Da, ufl.as_ufl(1.0)
@@ -338,7 +338,7 @@ def _turn(motion: ForceStep, start: Any, D: Any, rates: Any) -> StepCoordinate:
     return StepCoordinate(start, start + (Db - Da), [-ratio, ratio], sides, path, rate)
 
 
-def _gear(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
+def _gear(motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr]) -> StepCoordinate:
     """The angle of the first two nodes less a ratio times that of the others, and a value."""
     ratio, value = numbers
     driven, driver = (
@@ -354,7 +354,7 @@ def _gear(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCo
     return StepCoordinate(start, end, along, across, path, rate)
 
 
-def tangent_quotient(a: Any, b: Any, x: Any) -> Any:
+def tangent_quotient(a: Expr, b: Expr, x: Expr) -> Expr:
     """x / (b - a) for the tangents a and b of two angles, and x their difference.
 
     For small x the same with cosines, as 1 / cos^2 = 1 + tan^2, and x / sin(x) by a series that is
@@ -368,7 +368,7 @@ def tangent_quotient(a: Any, b: Any, x: Any) -> Any:
     return above / ufl.conditional(is_small, secants, b - a)
 
 
-def arm_length(motion: ForceStep, r0, Dr, rates, rest: Any, side: Any) -> StepCoordinate:
+def arm_length(motion: ForceStep, r0, Dr, rates, rest: Expr, side: Expr) -> StepCoordinate:
     """The length of an arm, from a rest, times a side."""
     level, r1 = motion.rule.level, add(r0, 1.0, Dr)
     size0, size1 = (ufl.sqrt(dot(r, r) + TINY) for r in (r0, r1))
@@ -379,29 +379,29 @@ def arm_length(motion: ForceStep, r0, Dr, rates, rest: Any, side: Any) -> StepCo
     return StepCoordinate(start, end, along, along, end - start, rate)
 
 
-def way(a: list[Any] | None, b: list[Any] | None) -> list[Any]:
+def way(a: list[Expr] | None, b: list[Expr] | None) -> list[Expr]:
     """From one point to another; None for one that does not move."""
     if a is None or b is None:
         return b or ([-x for x in a] if a else [ufl.as_ufl(0.0)] * 2)
     return add(b, -1.0, a)
 
 
-def total(parts: Sequence[Any]) -> Any:
+def total(parts: Sequence[Expr]) -> Expr:
     """The sum of UFL scalars, without a zero to begin with."""
     return functools.reduce(lambda a, b: a + b, parts)
 
 
-def add(a: Sequence[Any], factor: Any, b: Sequence[Any]) -> list[Any]:
+def add(a: Sequence[Expr], factor: Expr, b: Sequence[Expr]) -> list[Expr]:
     """A vector plus a factor times another one."""
     return [x + factor * y for x, y in zip(a, b, strict=True)]
 
 
-def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+def dot(a: Sequence[Expr], b: Sequence[Expr]) -> Expr:
     """The product of two vectors in the plane."""
     return a[0] * b[0] + a[1] * b[1]
 
 
-def _displacement(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
+def _displacement(motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr]) -> StepCoordinate:
     """The displacement of a node along a fixed direction, the numbers."""
     start, path, rate = (dot(numbers, values) for values in (motion.start, D, motion.rates))
     return StepCoordinate(start, start + path, numbers, numbers, path, rate)

@@ -11,12 +11,12 @@ import numpy as np
 
 from fx_beam.errors import SceneError, as_float, between, check_fields, refuse_fields_in, require
 from fx_beam.scene.parameters import refused
-from fx_beam.symbolic import parts_of, ufl
+from fx_beam.symbolic import Expr, parts_of, ufl
 
 # With less, the acceleration overflows.
 _LEAST_BETA = 1e-9
 
-Rule = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any, Any]]
+Rule = Callable[[Expr, Expr, Expr, Expr, Expr], tuple[Expr, Expr, Expr]]
 
 
 class UpdateRule(Protocol):
@@ -84,7 +84,7 @@ class UpdateRule(Protocol):
         """
         return np.zeros_like(path), 0.0
 
-    def fields(self, Du, Dpsi, v0, a0, dt) -> tuple[Any, Any]:
+    def fields(self, Du, Dpsi, v0, a0, dt) -> tuple[Expr, Expr]:
         """Velocity and spin at the scheme's level, in UFL.
 
         Parameters
@@ -304,7 +304,7 @@ class NodalRates(UpdateRule):
         equal_rule = MidPointRates() if self.turning else NewmarkRates(0.25, 0.5)
         return equal_rule.constants
 
-    def values(self, rule: Rule, D, v0, a0, before, dt) -> tuple[Any, Any, Any]:
+    def values(self, rule: Rule, D, v0, a0, before, dt) -> tuple[Expr, Expr, Expr]:
         """Values of a rule; SceneError if they are not three UFL vectors (3,).
 
         Parameters

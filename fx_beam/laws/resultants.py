@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from fx_beam.scene.law import Law, has_pieces
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from .kinematics import (
     Step,
@@ -30,11 +30,11 @@ class Nodes(NamedTuple):
     """Rotations at the nodes of an element, as UFL vectors in the order of `lagrange`."""
 
     #: Increments and virtual rotations.
-    Dpsi: Any
-    virtual_psi: Any
+    Dpsi: Expr
+    virtual_psi: Expr
     #: Shape functions N_a, and their derivatives N_a' along the reference arc length.
-    shape: Any
-    slope: Any
+    shape: Expr
+    slope: Expr
 
 
 def lagrange(x, degree: int):
@@ -140,12 +140,12 @@ class Resultants(NamedTuple):
     [100.0, 5.0]
     """
 
-    dphi: Any
-    t: Any
-    N: Any
-    Q: Any
-    M: Any
-    m: Any
+    dphi: Expr
+    t: Expr
+    N: Expr
+    Q: Expr
+    M: Expr
+    m: Expr
 
     @property
     def n(self):
@@ -311,11 +311,11 @@ class DecayingResultants(ExactResultants):
     #: Resultants of the stored energy alone.
     mean: Resultants
     #: Energy per length that the scheme takes in the step.
-    loss: Any
+    loss: Expr
     #: Energy per length that it holds for the next step, and that it held at the start, both with
     #: the stiffness of this step; None with order 1.
-    held: Any
-    held_before: Any
+    held: Expr
+    held_before: Expr
 
 
 @dataclass(frozen=True)
@@ -326,7 +326,7 @@ class Decaying:
     and r the ratio of the steps' lengths, at most 1. With order 1, r is 0.
     """
 
-    damping: Any
+    damping: float | Expr
     order: int
 
     def __call__(self, step: Step, law: Law) -> DecayingResultants:
@@ -384,7 +384,7 @@ def _mean_forces(step: Step, law: Law, tau):
     return law.linear([tau[i] * dE / step.dt for i, dE in enumerate(step.strain_increments)])
 
 
-def actuation(step: Step, r: Any):
+def actuation(step: Step, r: Resultants | WeightedResultants):
     """Work per length -N.DE* of natural strains that change by DE* over a step.
 
     With N.D(E - E*), the increment of the stored energy, it gives the work N.DE on the motion.
@@ -396,7 +396,7 @@ def actuation(step: Step, r: Any):
     return -work_of((r.N, r.Q, r.M), step.natural_increments)
 
 
-def drag_work(step: Step, coefficients: Mapping[str, Any]):
+def drag_work(step: Step, coefficients: Mapping[str, Expr]):
     """Virtual work per length against the drag, at the scheme's level in the step.
 
     Coefficients: "linear" and "quadratic" in all directions, "linear along and across", "quadratic
@@ -409,14 +409,14 @@ def drag_work(step: Step, coefficients: Mapping[str, Any]):
     return work + coefficients.get("rotation", 0) * step.omega * step.virtual_psi
 
 
-def drag_loss(step: Step, coefficients: Mapping[str, Any]):
+def drag_loss(step: Step, coefficients: Mapping[str, Expr]):
     """Energy per length that the drag at the mean velocity takes in a step; never negative."""
     turn = step.Dpsi if step.nodes is None else 2 * ufl.tan(step.Dpsi / 2)
     lost = ufl.dot(_force(step, coefficients, step.Du / step.dt), step.Du)
     return lost + coefficients.get("rotation", 0) * turn**2 / step.dt
 
 
-def _force(step: Step, coefficients: Mapping[str, Any], v):
+def _force(step: Step, coefficients: Mapping[str, Expr], v):
     """Resisting force per length at the velocity v."""
     force = coefficients.get("linear", 0) * v
     force += coefficients.get("quadratic", 0) * ufl.sqrt(ufl.dot(v, v) + _AT_REST) * v

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from .kinematics import tan
 from .point_laws import (
@@ -30,28 +30,28 @@ class _Span(NamedTuple):
     """
 
     #: F at the start [m], and its increment.
-    start: Any
-    path: Any
+    start: Expr
+    path: Expr
     #: Vectors whose products with the increment of d are exactly that of F, and 2 `turn`.
-    along: list[Any]
-    turning: list[Any]
+    along: list[Expr]
+    turning: list[Expr]
     #: Tan of half the increment of the angle, and the angle since the reference.
-    turn: Any
-    angle: Any
+    turn: Expr
+    angle: Expr
     #: Unit vectors along the span at both ends of the step.
-    ends: tuple[list[Any], list[Any]]
+    ends: tuple[list[Expr], list[Expr]]
 
 
-def _across(a: Sequence[Any], b: Sequence[Any]) -> Any:
+def _across(a: Sequence[Expr], b: Sequence[Expr]) -> Expr:
     return a[0] * b[1] - a[1] * b[0]
 
 
-def _half(a: Sequence[Any], b: Sequence[Any], size: Any) -> Any:
+def _half(a: Sequence[Expr], b: Sequence[Expr], size: Expr) -> Expr:
     """Tan of half the angle from a to b, for the product of their lengths."""
     return _across(a, b) / (size + dot(a, b))
 
 
-def _span(apart: list[Any], moved: list[Any], D: list[Any], q: Any) -> _Span:
+def _span(apart: list[Expr], moved: list[Expr], D: list[Expr], q: Expr) -> _Span:
     d0 = add(apart, 1.0, moved)
     d1 = add(d0, 1.0, D)
     size0, size1, at_rest = (ufl.sqrt(dot(d, d) + TINY) for d in (d0, d1, apart))
@@ -80,7 +80,7 @@ def _span(apart: list[Any], moved: list[Any], D: list[Any], q: Any) -> _Span:
     )
 
 
-def _along(d: list[Any], size: Any, t: Any, q: Any) -> list[Any]:
+def _along(d: list[Expr], size: Expr, t: Expr, q: Expr) -> list[Expr]:
     """The unit vector of a span: the derivative of the length by d."""
     square = size * size
     return [(t * d[0] - q * d[1]) / square, (t * d[1] + q * d[0]) / square]
@@ -96,15 +96,15 @@ def rope_over(kinds: str) -> CoordinateKind:
     sizes = [{"n": 2, "N": 2, "D": 3}.get(kind, 0) for kind in kinds]
     circles = [i for i, kind in enumerate(kinds) if kind in "NFD"]
 
-    def parts(values: Sequence[Any]) -> tuple[list[list[Any]], list[Any]]:
+    def parts(values: Sequence[Expr]) -> tuple[list[list[Expr]], list[Expr]]:
         """Ways between centres, and rotations of all points, of displacements or rates."""
-        numbers, vectors, turns = iter(values), list[Any](), list[Any]()
+        numbers, vectors, turns = iter(values), list[Expr](), list[Expr]()
         for size in sizes:
             vectors.append([next(numbers), next(numbers)] if size else None)
             turns.append(next(numbers) if size == 3 else ufl.as_ufl(0.0))
         return [way(*vectors[i : i + 2]) for i in range(count - 1)], turns
 
-    def length(motion: ForceStep, D: Sequence[Any], numbers: Sequence[Any]) -> StepCoordinate:
+    def length(motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr]) -> StepCoordinate:
         radii, arcs = ([ufl.as_ufl(0.0)] * count for _ in range(2))
         for i, number in zip(circles, range(2 * count - 2, len(numbers), 2), strict=True):
             radii[i], arcs[i] = numbers[number], numbers[number + 1]
@@ -142,7 +142,7 @@ def rope_over(kinds: str) -> CoordinateKind:
             ]
             moments = [ufl.as_ufl(0.0)] * count
             moments[0], moments[-1] = moments[0] - radii[0], moments[-1] + radii[-1]
-        along = list[Any]()
+        along = list[Expr]()
         for i, size in enumerate(sizes):
             if size:
                 arriving = pulls[max(i - 1, 0) : i]

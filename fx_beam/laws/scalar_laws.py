@@ -15,7 +15,7 @@ from fx_beam.scene.law import (
     slope,
     switches,
 )
-from fx_beam.symbolic import ufl
+from fx_beam.symbolic import Expr, ufl
 
 from .point_laws import (
     REMEMBERED,
@@ -45,29 +45,29 @@ class _Step(NamedTuple):
 
     motion: ForceStep
     x: StepCoordinate
-    numbers: Sequence[Any]
+    numbers: Sequence[Expr]
     #: In contact with friction the slip.
     slip: Slip | None
     #: This step with a coordinate and slip without derivatives.
     still: Any = None
 
     @property
-    def rate(self) -> Any:
+    def rate(self) -> Expr:
         """Its rate at the scheme's level."""
         return self.motion.rate_at_level(self.x.rate, self.mean)
 
     @property
-    def mean(self) -> Any:
+    def mean(self) -> Expr:
         """Its mean rate over the step."""
         return self.motion.mean_rate(self.x.path)
 
-    def sign(self, speed: Any) -> tuple[Any, list[Any]]:
+    def sign(self, speed: Expr) -> tuple[Expr, list[Expr]]:
         """The smooth sign of the rate, and what the next iteration remembers."""
         still = self.still.rate / speed
         return smooth_sign(self.rate / speed, still, self.motion.iteration_memory[:REMEMBERED])
 
     def forces(
-        self, elastic: Any = 0.0, other: Any = 0.0, friction: Any = 0.0, **memory: Sequence[Any]
+        self, elastic: Expr = 0.0, other: Expr = 0.0, friction: Expr = 0.0, **memory: Sequence[Expr]
     ) -> StepForces:
         """A force with a potential and another one, both against an increase of the coordinate.
 
@@ -85,8 +85,8 @@ def _point_law(
     name: str,
     numbers: int,
     forces: Callable[[_Step], StepForces],
-    energy: Callable[[_Step], Any] | None = None,
-    loss: Callable[[_Step], Any] | None = None,
+    energy: Callable[[_Step], Expr] | None = None,
+    loss: Callable[[_Step], Expr] | None = None,
     switches: Callable[[_Step], list] | None = None,
     side: int = 1,
     **options: Any,
@@ -96,7 +96,7 @@ def _point_law(
     Its pull is on a side of the coordinate: -1 if it is against a decrease.
     """
 
-    def motion_function(function: Callable[[_Step], Any]) -> Callable[[ForceStep], Any]:
+    def motion_function(function: Callable[[_Step], Expr]) -> Callable[[ForceStep], Expr]:
         return lambda motion: function(step(motion))
 
     def step(motion: ForceStep) -> _Step:
@@ -138,12 +138,12 @@ def spring(kind: CoordinateKind, damped: bool) -> PointLaw:
         stretch = step.motion.at_level(step.x.start, step.x.end - step.x.start) - rest
         return step.forces(k * stretch, c[0] * step.rate if damped else 0.0)
 
-    def energy(step: _Step) -> Any:
+    def energy(step: _Step) -> Expr:
         k, rest, *_ = step.numbers
         stretch = step.x.start - rest
         return k / 2 * stretch * stretch
 
-    def loss(step: _Step) -> Any:
+    def loss(step: _Step) -> Expr:
         return step.numbers[2] * step.mean * step.x.path
 
     return _point_law(kind, "spring", 2 + damped, forces, energy, loss if damped else None)
@@ -155,14 +155,14 @@ def stored_energy(
     """A spring with a stored energy, a function of the coordinate since its rest; number: rest."""
     count, level = (len(internal.names), internal.level) if internal else (0, 1.0)
 
-    def stored(x: Any, a: Any) -> Any:
+    def stored(x: Expr, a: Expr) -> Expr:
         return energy(x, a) if internal else energy(x)
 
-    def ends(step: _Step) -> tuple[Any, Any]:
+    def ends(step: _Step) -> tuple[Expr, Expr]:
         (rest,) = step.numbers
         return step.x.start - rest, step.x.end - rest
 
-    def variables(step: _Step) -> tuple[Any, Any, Any]:
+    def variables(step: _Step) -> tuple[Expr, Expr, Expr]:
         """Internal variables at both ends of the step, and shortly after its start."""
         x0, x1 = ends(step)
         old = ufl.as_vector(step.motion.internal or [0.0])
@@ -182,7 +182,7 @@ def stored_energy(
             mean = (1 - level) * start + level * end
         return step.forces(mean, internal=[new[i] for i in range(count)])
 
-    def loss(step: _Step) -> Any:
+    def loss(step: _Step) -> Expr:
         strains = [(x,) for x in ends(step)]
         return evolution_loss(energy, level, variables(step), strains, step.motion.rule.at_rest)
 
@@ -204,7 +204,7 @@ def stored_energy(
     )
 
 
-def _discrete_gradient(energy: Callable[[Any], Any], x0: Any, x1: Any) -> Any:
+def _discrete_gradient(energy: Callable[[Expr], Expr], x0: Expr, x1: Expr) -> Expr:
     """Force whose work over the step is the increment of the energy."""
     middle = slope(energy, (x0 + x1) / 2)
     if is_quadratic(energy):
@@ -218,7 +218,7 @@ def _discrete_gradient(energy: Callable[[Any], Any], x0: Any, x1: Any) -> Any:
 # -- Dampers and friction -----------------------------------------------------------------------
 
 
-def damper_law(kind: CoordinateKind, law: Callable[[Any], Any]) -> PointLaw:
+def damper_law(kind: CoordinateKind, law: Callable[[Expr], Expr]) -> PointLaw:
     """A damper with a law of its own."""
     return _point_law(
         kind,
@@ -246,7 +246,7 @@ def joint_friction(kind: CoordinateKind) -> PointLaw:
     repeated until it is that of the step (follow_forces).
     """
 
-    def slips(step: _Step) -> tuple[_Step, Any]:
+    def slips(step: _Step) -> tuple[_Step, Expr]:
         still, step = (s._replace(slip=Slip(s.x.path, s.x.across)) for s in (step.still, step))
         N = step.motion.internal[2]
         return step._replace(still=still), ufl.conditional(ufl.gt(N, 0), N, 0.0)
@@ -270,7 +270,7 @@ def joint_friction(kind: CoordinateKind) -> PointLaw:
     )
 
 
-def friction_law(kind: CoordinateKind, magnitude: Callable[[Any], Any]) -> PointLaw:
+def friction_law(kind: CoordinateKind, magnitude: Callable[[Expr], Expr]) -> PointLaw:
     """Coulomb's friction, regularised, with a magnitude F(rate); number: speed."""
     return _friction(kind, magnitude, 0, user_defined=True)
 
@@ -281,7 +281,7 @@ def _friction(kind: CoordinateKind, magnitude: Callable, count: int, **options: 
         sign, memory = step.sign(speed)
         return step.forces(other=magnitude(step.rate, *numbers) * sign, iteration_memory=memory)
 
-    def loss(step: _Step) -> Any:
+    def loss(step: _Step) -> Expr:
         speed, *numbers = step.numbers
         force = magnitude(step.mean, *numbers) * ufl.tanh(step.mean / speed)
         return force * step.x.path
@@ -293,7 +293,7 @@ def _friction(kind: CoordinateKind, magnitude: Callable, count: int, **options: 
 # -- Forces of a user ---------------------------------------------------------------------------
 
 
-def pull(kind: CoordinateKind, force: Callable[[Any, Any, Any], Any]) -> PointLaw:
+def pull(kind: CoordinateKind, force: Callable[[Expr, Expr, Expr], Expr]) -> PointLaw:
     """A force against an increase, from the coordinate, its rate and time; number: load factor."""
 
     def forces(step: _Step) -> StepForces:
@@ -344,18 +344,18 @@ class _OneSided(NamedTuple):
         still = step.still and self.gap(step.still)
         return step._replace(x=step.x.beyond(limit, self.sign), numbers=numbers, still=still)
 
-    def unit(self, depth: Any) -> Any:
+    def unit(self, depth: Expr) -> Expr:
         """The stored energy over the first number, zero at the surface."""
         if self.energy is None:
             return depth * depth / 2
         return self.energy(depth) - self.energy(ufl.as_ufl(0.0))
 
-    def push(self, step: _Step, level: float | None = None) -> Any:
+    def push(self, step: _Step, level: float | None = None) -> Expr:
         """The part of the force that is stored, against a closing."""
         level = step.motion.rule.level if level is None else level
         return step.numbers[0] * _mean_push(self.unit, step.x, level, self.energy is None)
 
-    def damping(self, step: _Step, level: float | None = None) -> Any:
+    def damping(self, step: _Step, level: float | None = None) -> Expr:
         """The part of the force that takes energy, against an opening."""
         _, r, speed, *_ = step.numbers
         return r * self.push(step, level) * ufl.tanh(step.mean / speed)
@@ -364,7 +364,7 @@ class _OneSided(NamedTuple):
         """Forces against the motion, with internal variables and iteration memory."""
         step = self.gap(step)
         normal, other = self.push(step), ufl.as_ufl(0.0)
-        memory: list[Any] = []
+        memory: list[Expr] = []
         if self.loses:
             _, r, speed, *_ = step.numbers
             direction, memory = step.sign(speed)
@@ -379,14 +379,14 @@ class _OneSided(NamedTuple):
             -normal, other, friction, internal=internal, iteration_memory=[*memory, *stick_memory]
         )
 
-    def stored(self, step: _Step) -> Any:
+    def stored(self, step: _Step) -> Expr:
         """Energy at the start of the step."""
         step = self.gap(step)
         depth = _depth(step.x.start)
         energy = step.numbers[0] * ufl.conditional(ufl.gt(depth, 0), self.unit(depth), 0.0)
         return energy + _bristle_energy(step, step.motion.internal[0]) if self.sticks else energy
 
-    def loss(self, step: _Step) -> Any:
+    def loss(self, step: _Step) -> Expr:
         """Energy lost by the mean force over the step: at an end it would be of first order."""
         step = self.gap(step)
         total = self.damping(step, 0.5) * step.x.path if self.loses else ufl.as_ufl(0.0)
@@ -418,7 +418,7 @@ def _one_sided(
     )
 
 
-def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[Any], list[Any]]:
+def _sticking(step: _Step, normal: Expr, still_normal: Expr) -> tuple[Expr, list[Expr], list[Expr]]:
     """Friction of a contact against its slip, internal variables at the end, iteration memory.
 
     A spring along the surface, of stiffness kt and viscosity kt tau, has a force of at most mu
@@ -437,7 +437,7 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     elif not rule.instant:  # else derivatives are sought, of the viscosity alone
         part = ufl.conditional(ufl.gt(part, 1), part, 1.0)
 
-    def ratio(path: Any, limit: Any) -> Any:
+    def ratio(path: Expr, limit: Expr) -> Expr:
         return stiffness * (start + part * path) / ufl.conditional(ufl.gt(limit, _OPEN), limit, 1.0)
 
     limit, still_limit = mu * normal * step.slip.normal, mu * still_normal * step.still.slip.normal
@@ -455,7 +455,7 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     return friction, [end, ufl.conditional(ufl.gt(normal, 0), path, 0.0)], iteration_memory
 
 
-def _lost_to_friction(step: _Step, normal: Any) -> Any:
+def _lost_to_friction(step: _Step, normal: Expr) -> Expr:
     """Work of the friction that its spring does not store; with the mean force in statics."""
     assert step.slip is not None
     friction, (end, _), _ = _sticking(step, normal, normal)
@@ -467,15 +467,15 @@ def _lost_to_friction(step: _Step, normal: Any) -> Any:
     return friction * step.slip.path + _bristle_energy(step, start) - _bristle_energy(step, end)
 
 
-def _bristle_energy(step: _Step, stretch: Any) -> Any:
+def _bristle_energy(step: _Step, stretch: Expr) -> Expr:
     return step.numbers[-1] / 2 * stretch * stretch
 
 
-def _depth(gap: Any) -> Any:
+def _depth(gap: Expr) -> Expr:
     return ufl.conditional(ufl.lt(gap, 0), -gap, 0.0)
 
 
-def _mean_push(energy: Callable, gap: StepCoordinate, level: float, linear: bool) -> Any:
+def _mean_push(energy: Callable, gap: StepCoordinate, level: float, linear: bool) -> Expr:
     """Force at a level; at mid-step its work over the step is the change of the stored energy.
 
     For k depth^2 / 2 it is a convex function of the gap at the end, with a continuous slope.
