@@ -14,15 +14,18 @@ import subprocess
 import tempfile
 import threading
 import weakref
-from collections.abc import Callable, Iterator, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from fx_beam import compiler, library_cache
 from fx_beam.errors import SceneError
+
+if TYPE_CHECKING:
+    from _cffi_backend import FFI, CType, Lib, _CDataBase as CData
 
 T = TypeVar("T")
 
@@ -88,23 +91,23 @@ _NUMBERS = {"int": np.int32, "double": np.float64}
 
 # What this process has compiled or loaded: declarations, libraries, forms and laws. What contains
 # functions of a user is forgotten when nothing refers to it.
-_things: dict[Any, Any] = {}
-_user_things: weakref.WeakValueDictionary[Any, Any] = weakref.WeakValueDictionary()
+_things: dict[object, Any] = {}
+_user_things: weakref.WeakValueDictionary[object, Any] = weakref.WeakValueDictionary()
 
 
 class CannotBuild(RuntimeError):
     """A C file cannot be compiled, or its library not be loaded."""
 
 
-def compiled(key: Any, make: Callable[[], T], user_defined: bool = False) -> T:
+def compiled(key: object, make: Callable[[], T], user_defined: bool = False) -> T:
     """The result of `make` for a key, made once, also if several threads ask at the same time."""
-    results: MutableMapping[Any, T] = _user_things if user_defined else _things
+    results: MutableMapping[object, T] = _user_things if user_defined else _things
     if (result := results.get(key)) is None:
         result = results.setdefault(key, make())
     return result
 
 
-def declared(header: str, definitions: tuple[str, ...]) -> Any:
+def declared(header: str, definitions: tuple[str, ...]) -> FFI:
     """The cffi.FFI with the declarations of a header, in which `definitions` are macros.
 
     It is kept in the cache: cffi's parser takes longer than all else of a first call.
@@ -112,17 +115,17 @@ def declared(header: str, definitions: tuple[str, ...]) -> Any:
     return compiled((declared, header, definitions), lambda: _declared(header, definitions))
 
 
-def _declared(header: str, definitions: tuple[str, ...]) -> Any:
+def _declared(header: str, definitions: tuple[str, ...]) -> FFI:
     text = declarations(header)
     for macro, _, value in (definition.partition(" ") for definition in definitions):
         text = re.sub(rf"\b{macro}\b", value, text)
     text = f"{text}\n{_MISSING};"
     name = f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.types"
 
-    def loader(path: Path) -> Any:
+    def loader(path: Path) -> FFI:
         return _ffi_of(library_cache.content(path))
 
-    def builder(folder: Path) -> Any:
+    def builder(folder: Path) -> FFI:
         from cffi import FFI
         from cffi.recompiler import make_py_source
 
@@ -135,9 +138,9 @@ def _declared(header: str, definitions: tuple[str, ...]) -> Any:
     return library_cache.loaded(name, loader, builder)
 
 
-def _ffi_of(code: bytes) -> Any:
+def _ffi_of(code: bytes) -> FFI:
     """The cffi.FFI that a module of declarations makes."""
-    namespace: dict[str, Any] = {}
+    namespace: dict[str, FFI] = {}
     exec(code, namespace)
     return namespace["ffi"]
 
@@ -149,7 +152,7 @@ def open_library(
     definitions: tuple[str, ...] = (),
     library_macros: tuple[str, ...] = (),
     flags: tuple[str, ...] = (),
-) -> tuple[Any, Any]:
+) -> tuple[FFI, Lib]:
     """The cffi.FFI with the declarations of a header, and the library of a C file; see `load`.
 
     `definitions` are macros of both, `library_macros` of the library alone: several may share their
@@ -159,10 +162,10 @@ def open_library(
     return compiled((open_library, *arguments), lambda: _opened(*arguments))
 
 
-def _opened(title, file, header, definitions, library_macros, flags) -> tuple[Any, Any]:
+def _opened(title, file, header, definitions, library_macros, flags) -> tuple[FFI, Lib]:
     ffi, source = declared(header, definitions), with_macros(file, *definitions, *library_macros)
 
-    def loader(path: Path) -> Any:
+    def loader(path: Path) -> Lib:
         # cffi itself takes no path that the locale cannot write.
         library = ctypes.CDLL(str(path))
         return ffi.dlopen(ffi.cast("void *", library._handle))
@@ -214,8 +217,9 @@ def load(
     target, flags = target_flags()
     flags = [*flags, *_known(extra_flags)]
     # Libraries for "native" are valid only for processors with the same features.
-    machine = [_processor()] if target == "native" else []
-    parts = [key, _headers(), *flags, *machine, compiler.identity()]
+    headers, processor = _origin()
+    machine = [processor] if target == "native" else []
+    parts = [key, headers, *flags, *machine, compiler.identity()]
     digest = hashlib.sha256("\n".join(parts).encode("utf-8", "surrogateescape"))
     name = f"{digest.hexdigest()[:32]}.so"
 
@@ -289,7 +293,6 @@ def _check_target(target: str, flags: list[str]) -> None:
         ) from None
 
 
-@functools.cache
 def declarations(header: str) -> str:
     """Text of a header and of the headers that it includes, without directives."""
     lines = (SOURCES / header).read_text().splitlines()
@@ -298,23 +301,25 @@ def declarations(header: str) -> str:
     return "\n".join([*map(declarations, included), *plain])
 
 
-@functools.cache
-def _headers() -> str:
-    """Text of the headers that each library includes."""
-    return "\n".join(path.read_text() for path in sorted(SOURCES.glob("*.h")))
+class _Origin(NamedTuple):
+    """Text of the headers that each library includes, and features of this processor."""
+
+    headers: str
+    #: What "native" means.
+    processor: str
 
 
 @functools.cache
-def _processor() -> str:
-    """Features of this processor, which decide what "native" means."""
-    try:
+def _origin() -> _Origin:
+    headers = "\n".join(path.read_text() for path in sorted(SOURCES.glob("*.h")))
+    lines = list[str]()
+    with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return ""
-    return next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    features = (line for line in lines if line.startswith(("flags", "Features")))
+    return _Origin(headers, next(features, ""))
 
 
-def array_at(ffi: Any, pointer: Any, *shape: int) -> np.ndarray:
+def array_at(ffi: FFI, pointer: CData, *shape: int) -> np.ndarray:
     """Array in C's memory, where a pointer to numbers points."""
     kind, count = np.dtype(_NUMBERS[ffi.typeof(pointer).item.cname]), math.prod(shape)
     if not count:
@@ -330,14 +335,14 @@ class Structs:
     scene does not need.
     """
 
-    def __init__(self, ffi: Any):
+    def __init__(self, ffi: FFI):
         self._ffi = ffi
         self._arrays = {name: ffi.typeof(f"{name}[]") for name in _NUMBERS}
-        self._referenced: list[Any] = []
+        self._referenced: list[object] = []
         # Addresses of structs, and names of their pointers that are not needed.
         self._unneeded: set[tuple[int, str]] = set()
 
-    def set(self, struct: Any, **values: Any) -> None:
+    def set(self, struct: CData, **values: Any) -> None:
         """Set members of a struct, or of the one to which a pointer points."""
         members = _types(self._type(struct))
         for name, value in values.items():
@@ -354,26 +359,26 @@ class Structs:
             else:
                 setattr(struct, name, self._pointer(kind, value))
 
-    def remember(self, struct: Any) -> None:
+    def remember(self, struct: CData) -> None:
         """Remember what a struct has now, for `restore`."""
         self._fresh = bytes(self._ffi.buffer(struct)), len(self._referenced)
 
-    def restore(self, struct: Any) -> None:
+    def restore(self, struct: CData) -> None:
         """Set all members of a struct to the remembered values, and forget arrays set since."""
         values, count = self._fresh
         self._ffi.memmove(struct, values, len(values))
         del self._referenced[count:]
 
-    def _type(self, struct: Any) -> Any:
+    def _type(self, struct: CData) -> CType:
         kind = self._ffi.typeof(struct)
         return kind.item if kind.kind == "pointer" else kind
 
-    def _address(self, struct: Any) -> int:
+    def _address(self, struct: CData) -> int:
         is_pointer = self._ffi.typeof(struct).kind == "pointer"
         struct_pointer = struct if is_pointer else self._ffi.addressof(struct)
         return int(self._ffi.cast("uintptr_t", struct_pointer))
 
-    def _pointer(self, kind: Any, value: Any) -> Any:
+    def _pointer(self, kind: CType, value: Any) -> CData:
         if kind.kind == "function" or isinstance(value, int):
             return self._ffi.cast(kind, value)
         if kind.item.kind == "struct":
@@ -389,7 +394,7 @@ class Structs:
             return self._ffi.cast(kind, value.ctypes.data)
         return self._ffi.from_buffer(self._arrays[kind.item.cname], value)
 
-    def _array(self, kind: Any, rows: list[dict[str, Any]]) -> Any:
+    def _array(self, kind: CType, rows: Sequence[Mapping[str, object]]) -> CData:
         array = self._ffi.new(self._ffi.getctype(kind, "[]"), len(rows))
         self._referenced.append(array)
         for number, row in enumerate(rows):
@@ -397,7 +402,7 @@ class Structs:
             self.check(array[number])
         return array
 
-    def check(self, struct: Any) -> None:
+    def check(self, struct: CData) -> None:
         """ValueError if a pointer of a struct is not set.
 
         A struct without any numbers and pointers is not needed, in another one, too.
@@ -406,7 +411,7 @@ class Structs:
             type_name = self._type(struct).cname
             raise ValueError(f"C struct {type_name}: not set: {', '.join(missing)}")
 
-    def _missing(self, struct: Any, path: str = "") -> Iterator[str]:
+    def _missing(self, struct: CData, path: str = "") -> Iterator[str]:
         """Paths of the pointers that are not set."""
         names: dict[str, list[str]] = {}
         for name, kind in _types(self._type(struct)).items():
@@ -424,6 +429,6 @@ class Structs:
 
 
 @functools.cache
-def _types(kind: Any) -> dict[str, Any]:
+def _types(kind: CType) -> dict[str, CType]:
     """Types of the members of a struct."""
     return {name: field.type for name, field in kind.fields}

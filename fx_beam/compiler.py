@@ -10,7 +10,6 @@ import struct
 import subprocess
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,17 +35,8 @@ def command() -> list[str]:
             f"the environment variable CC = {text!r} is no command: {error}. Give the C compiler "
             "and its options, such as CC='gcc -B/opt/tools'"
         ) from None
-    with suppress(LookupError):
-        program = _place(program, _folders())
-    return [program, *arguments]
-
-
-@functools.cache
-def _place(program: str, folders: tuple[str, ...]) -> str:
-    place = shutil.which(program, path=os.pathsep.join(folders))
-    if place is None:  # which is not remembered: it may be installed meanwhile
-        raise LookupError
-    return os.path.abspath(place)
+    place = shutil.which(program, path=os.pathsep.join(_folders()))
+    return [os.path.abspath(place) if place else program, *arguments]
 
 
 def check() -> None:

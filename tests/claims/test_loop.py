@@ -150,7 +150,8 @@ def test_a_loop_is_built_for_the_processor_that_is_asked_for(monkeypatch, no_lib
         names.append(built())
     assert len(set(names)) == 3 and names[1] == names[3]
     # One that was built for a name serves all machines; a native one its own kind.
-    monkeypatch.setattr(c_library, "_processor", lambda: "another")
+    origin = c_library._origin()._replace(processor="another")
+    monkeypatch.setattr(c_library, "_origin", lambda: origin)
     monkeypatch.setenv("FX_BEAM_MARCH", "x86-64")
     assert built("none") == names[1]
     monkeypatch.delenv("FX_BEAM_MARCH")
@@ -158,7 +159,7 @@ def test_a_loop_is_built_for_the_processor_that_is_asked_for(monkeypatch, no_lib
 
 
 @pytest.mark.skipif(
-    "fma4" in c_library._processor().split(), reason="the processor has all of these"
+    "fma4" in c_library._origin().processor.split(), reason="the processor has all of these"
 )
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="names of processors are those of x86")
 @pytest.mark.parametrize(
