@@ -25,7 +25,7 @@ from fx_beam import compiler, library_cache
 from fx_beam.errors import SceneError
 
 if TYPE_CHECKING:
-    from _cffi_backend import FFI, CType, Lib, _CDataBase as CData
+    from _cffi_backend import FFI, Lib
 
 T = TypeVar("T")
 
@@ -319,7 +319,7 @@ def _origin() -> _Origin:
     return _Origin(headers, next(features, ""))
 
 
-def array_at(ffi: FFI, pointer: CData, *shape: int) -> np.ndarray:
+def array_at(ffi: FFI, pointer: FFI.CData, *shape: int) -> np.ndarray:
     """Array in C's memory, where a pointer to numbers points."""
     kind, count = np.dtype(_NUMBERS[ffi.typeof(pointer).item.cname]), math.prod(shape)
     if not count:
@@ -342,7 +342,7 @@ class Structs:
         # Addresses of structs, and names of their pointers that are not needed.
         self._unneeded: set[tuple[int, str]] = set()
 
-    def set(self, struct: CData, **values: Any) -> None:
+    def set(self, struct: FFI.CData, **values: Any) -> None:
         """Set members of a struct, or of the one to which a pointer points."""
         members = _types(self._type(struct))
         for name, value in values.items():
@@ -359,26 +359,26 @@ class Structs:
             else:
                 setattr(struct, name, self._pointer(kind, value))
 
-    def remember(self, struct: CData) -> None:
+    def remember(self, struct: FFI.CData) -> None:
         """Remember what a struct has now, for `restore`."""
         self._fresh = bytes(self._ffi.buffer(struct)), len(self._referenced)
 
-    def restore(self, struct: CData) -> None:
+    def restore(self, struct: FFI.CData) -> None:
         """Set all members of a struct to the remembered values, and forget arrays set since."""
         values, count = self._fresh
         self._ffi.memmove(struct, values, len(values))
         del self._referenced[count:]
 
-    def _type(self, struct: CData) -> CType:
+    def _type(self, struct: FFI.CData) -> FFI.CType:
         kind = self._ffi.typeof(struct)
         return kind.item if kind.kind == "pointer" else kind
 
-    def _address(self, struct: CData) -> int:
+    def _address(self, struct: FFI.CData) -> int:
         is_pointer = self._ffi.typeof(struct).kind == "pointer"
         struct_pointer = struct if is_pointer else self._ffi.addressof(struct)
         return int(self._ffi.cast("uintptr_t", struct_pointer))
 
-    def _pointer(self, kind: CType, value: Any) -> CData:
+    def _pointer(self, kind: FFI.CType, value: Any) -> FFI.CData:
         if kind.kind == "function" or isinstance(value, int):
             return self._ffi.cast(kind, value)
         if kind.item.kind == "struct":
@@ -394,7 +394,7 @@ class Structs:
             return self._ffi.cast(kind, value.ctypes.data)
         return self._ffi.from_buffer(self._arrays[kind.item.cname], value)
 
-    def _array(self, kind: CType, rows: Sequence[Mapping[str, object]]) -> CData:
+    def _array(self, kind: FFI.CType, rows: Sequence[Mapping[str, object]]) -> FFI.CData:
         array = self._ffi.new(self._ffi.getctype(kind, "[]"), len(rows))
         self._referenced.append(array)
         for number, row in enumerate(rows):
@@ -402,7 +402,7 @@ class Structs:
             self.check(array[number])
         return array
 
-    def check(self, struct: CData) -> None:
+    def check(self, struct: FFI.CData) -> None:
         """ValueError if a pointer of a struct is not set.
 
         A struct without any numbers and pointers is not needed, in another one, too.
@@ -411,7 +411,7 @@ class Structs:
             type_name = self._type(struct).cname
             raise ValueError(f"C struct {type_name}: not set: {', '.join(missing)}")
 
-    def _missing(self, struct: CData, path: str = "") -> Iterator[str]:
+    def _missing(self, struct: FFI.CData, path: str = "") -> Iterator[str]:
         """Paths of the pointers that are not set."""
         names: dict[str, list[str]] = {}
         for name, kind in _types(self._type(struct)).items():
@@ -429,6 +429,6 @@ class Structs:
 
 
 @functools.cache
-def _types(kind: CType) -> dict[str, CType]:
+def _types(kind: FFI.CType) -> dict[str, FFI.CType]:
     """Types of the members of a struct."""
     return {name: field.type for name, field in kind.fields}

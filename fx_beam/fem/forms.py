@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from threading import RLock
-from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
@@ -24,9 +24,6 @@ from .parameter_values import ParameterValues
 from .point_forces import PointForces
 from .scene_data import FormData
 from .sparsity import matrix_between, places_of_cells, with_pairs
-
-if TYPE_CHECKING:
-    from .step_forces import StepForces
 
 
 class Forms:
@@ -133,8 +130,6 @@ class Forms:
 
     def begin(self, interval: Interval, start: StepStart) -> StepForces:
         """The forces of a step that begins."""
-        from .step_forces import StepForces
-
         t = interval.at(self._rates.level)
         self.parameters.begin(t, start.parameters)
         self.compiled_points.begin(interval, start)
@@ -150,3 +145,40 @@ class Forms:
         named = {"internal": internal, "natural": natural, "parameters": self.parameters.values}
         rows = {name: x.reshape(1, -1) for name, x in named.items() if x is not None and x.size}
         return self.beams.strain_energy(StepBatch.at_rest(q, **rows))
+
+
+class StepForces:
+    """Forces of `Forms` in a step that has begun, and at the last increment."""
+
+    def __init__(self, forms: Forms, step: StepBatch):
+        self._forms, self._step = forms, step
+
+    def internal(self, D: np.ndarray) -> np.ndarray:
+        """Internal forces (size,) [N, N m] for an increment D, with others against the motion."""
+        force = self.of_beams(D)
+        self._forms.compiled_points.add_force(D, force)
+        return force
+
+    def of_beams(self, D: np.ndarray) -> np.ndarray:
+        """Forces (size,) of beams alone, with added virtual works [N, N m]."""
+        force, self._step = np.zeros(len(D)), self._step._replace(D=D[None])
+        if self._forms.beams is not None:
+            self._forms.beams.add_force(self._step, force)
+        return force
+
+    def tangent(self) -> scipy.sparse.csr_matrix:
+        """Derivatives of the last internal forces, with contact of members in its sparsity."""
+        forms = self._forms
+        K, members = forms.stiffness.astype(float), forms.points.members
+        if forms.beams is not None:
+            forms.beams.add_tangent(self._step, K.data, forms.cell_entries)
+        forms.compiled_points.add_tangent(K.data)
+        return K if members is None else K + members.tangent()
+
+    def added(self) -> np.ndarray:
+        """Forces (size,) of added virtual works and followers [N, N m]."""
+        force = np.zeros(self._forms.size)
+        if self._forms.beams is not None:
+            self._forms.beams.add_external(self._step, force)
+        self._forms.compiled_points.add_external(force)
+        return force

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 
 from fx_beam.errors import SceneError, positive
-from fx_beam.fem.step_forces import StepForces
+from fx_beam.fem.forms import StepForces
 from fx_beam.laws.interval import INSTANT, Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.evaluation import solution_of

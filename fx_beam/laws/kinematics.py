@@ -59,7 +59,35 @@ def differences(a, b):
 
 
 @dataclass(frozen=True)
-class Step:
+class StepFields:
+    """The fields from which all else of a `Step` follows, in its order."""
+
+    u0: Expr
+    psi0: Expr
+    Du: Expr
+    Dpsi: Expr
+    u: Expr
+    psi: Expr
+    v: Expr
+    omega: Expr
+    virtual_u: Expr
+    virtual_psi: Expr
+    X: Expr
+    t0: Expr
+    h: Expr
+    degree: int
+    t: Expr
+    dt: Expr
+    load_factor: Expr = 1.0
+    nodes: Any = None
+    u_before: Expr = None
+    psi_before: Expr = None
+    memory: Expr = None
+    natural0: Expr = None
+    natural1: Expr = None
+
+
+class Step(StepFields):
     """The fields of one time step, as UFL expressions on the mesh.
 
     Parameters
@@ -113,30 +141,6 @@ class Step:
     >>> work = scene.add_virtual_work(foundation)
     >>> work = scene.add_virtual_work(wind)
     """
-
-    u0: Expr
-    psi0: Expr
-    Du: Expr
-    Dpsi: Expr
-    u: Expr
-    psi: Expr
-    v: Expr
-    omega: Expr
-    virtual_u: Expr
-    virtual_psi: Expr
-    X: Expr
-    t0: Expr
-    h: Expr
-    degree: int
-    t: Expr
-    dt: Expr
-    load_factor: Expr = 1.0
-    nodes: Any = None
-    u_before: Expr = None
-    psi_before: Expr = None
-    memory: Expr = None
-    natural0: Expr = None
-    natural1: Expr = None
 
     def prime(self, field):
         """Derivative of a field along the reference arc length.

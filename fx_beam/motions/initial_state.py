@@ -26,7 +26,7 @@ from fx_beam.step.model import Model, once
 from fx_beam.step.newton import newton
 
 if TYPE_CHECKING:
-    from fx_beam.fem.step_forces import StepForces
+    from fx_beam.fem.forms import StepForces
 
 _log = logging.getLogger("fx_beam")
 
