@@ -50,18 +50,18 @@ class cached_property(functools.cached_property[T]):
     Without the lock of Python 3.11: all objects share it, and an interrupt may leave it closed.
     """
 
-    def __init__(self, function: Callable[[Any], T]):
+    def __init__(self, function: Callable[..., T]):
         super().__init__(function)
         self.lock = nullcontext()
 
 
-def _contents(argument: Any) -> Any:
+def _contents(argument: object) -> object:
     if isinstance(argument, np.ndarray):
         return _Contents(argument.dtype, argument.shape, argument.tobytes())
     return argument
 
 
-def _array(contents: Any) -> Any:
+def _array(contents: object) -> object:
     if isinstance(contents, _Contents):
         return np.frombuffer(contents.data, contents.kind).reshape(contents.shape).copy()
     return contents

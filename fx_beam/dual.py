@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 # Types of lists, and of numbers without slopes.
@@ -40,7 +41,7 @@ class Dual(NDArrayOperatorsMixin):
 
     __slots__ = "slopes", "values"
 
-    def __init__(self, values: Any, slopes: np.ndarray):
+    def __init__(self, values: npt.ArrayLike, slopes: np.ndarray):
         self.values, self.slopes = np.asarray(values, float), slopes
 
     @property
@@ -144,12 +145,12 @@ class Dual(NDArrayOperatorsMixin):
                 return ufunc(*arguments)
             return _call_without_slopes(f"numpy.{ufunc.__name__}", ufunc, inputs, {})
         values = ufunc(*arguments)
-        total: Any = None
+        changes = list[np.ndarray]()
         for (_, slopes), rule in zip(parts, rules, strict=True):
             if slopes is not None:
                 factor = rule(values, *arguments)
-                change = slopes if factor is _ONE else np.asarray(factor)[..., None] * slopes
-                total = change if total is None else total + change
+                changes.append(slopes if factor is _ONE else np.asarray(factor)[..., None] * slopes)
+        total = changes[0] if len(changes) == 1 else changes[0] + changes[1]
         shape = *values.shape, self.slopes.shape[-1]
         return Dual(values, total if total.shape == shape else np.broadcast_to(total, shape))
 
@@ -257,7 +258,7 @@ def changes_of(values: MaybeDual, count: int) -> Any:
     return np.ndarray((count, *values.shape), buffer=bytes(8), strides=(0,) * (1 + values.ndim))
 
 
-def nonzero_rows(changes: Any) -> np.ndarray:
+def nonzero_rows(changes: np.ndarray | LinearChanges) -> np.ndarray:
     """Indices (k,) of the rows of changes (m, ...) that may differ from zero."""
     if isinstance(changes, LinearChanges):
         return changes.columns[0]
@@ -289,7 +290,7 @@ class DualFloat(float):
 class DualArray(np.ndarray):
     """Values in a scene, with `slopes` (..., m) beside; results of functions of it have none."""
 
-    slopes: Any = None
+    slopes: np.ndarray | None = None
 
     def __array_finalize__(self, other):
         self.slopes = None
@@ -316,7 +317,7 @@ def scene_number(dual: MaybeDual) -> Any:
         return dual
     if not dual.ndim:
         return DualFloat(float(dual.values), dual.slopes)
-    array: Any = np.array(dual.values).view(DualArray)
+    array = np.array(dual.values).view(DualArray)
     array.slopes = dual.slopes
     return array
 
@@ -340,7 +341,7 @@ def dual_of(value: object) -> Dual | None:
     return Dual([duals[i].values if i in duals else part for i, part in enumerate(value)], slopes)
 
 
-def _flat(values: Any) -> tuple[Any, list[int]] | None:
+def _flat(values: Sequence) -> tuple[Sequence, list[int]] | None:
     """Numbers of nested lists and their shape; None if one is no float, or lengths differ."""
     shape = [len(values)]
     while not (kinds := {*map(type, values)}) <= _NUMBERS:
@@ -364,7 +365,7 @@ def floats(values: MaybeDual) -> np.ndarray:
     return values.values if isinstance(values, Dual) else values
 
 
-def _call_without_slopes(name: str, function: Callable, inputs: Any, options: dict) -> Any:
+def _call_without_slopes(name: str, function: Callable, inputs: Sequence, options: dict) -> Any:
     """Result of a function of plain numbers; LostSlopesError if an argument has slopes."""
     if (error := LostSlopesError(name, inputs)).numbers:
         raise error
@@ -415,7 +416,7 @@ def _slope(function: Callable) -> Callable:
 #: Derivative of a sum by a part: slopes need no product with it.
 _ONE = 1.0
 #: Derivatives of functions by each argument, of the result and the arguments.
-_RULES: dict[Any, tuple[Callable[..., Any], ...]] = {
+_RULES: dict[np.ufunc, tuple[Callable, ...]] = {
     np.add: (lambda o, a, b: _ONE, lambda o, a, b: _ONE),
     np.subtract: (lambda o, a, b: _ONE, lambda o, a, b: -1.0),
     np.multiply: (lambda o, a, b: b, lambda o, a, b: a),
@@ -519,7 +520,7 @@ def _bincount(index, weights, size):
     return Dual(np.bincount(index, weights.values, size), slopes)
 
 
-def _joined(function: Callable, arrays: Any, axis: int = 0) -> Dual:
+def _joined(function: Callable, arrays: Sequence, axis: int = 0) -> Dual:
     """Arrays side by side, without numbers of their entries, as there may be many."""
     count = next(dual.slopes.shape[-1] for dual in map(dual_of, arrays) if dual is not None)
     duals = [with_slopes(array, count) for array in arrays]
@@ -527,13 +528,13 @@ def _joined(function: Callable, arrays: Any, axis: int = 0) -> Dual:
     return Dual(values, function([dual.slopes for dual in duals], axis % values.ndim))
 
 
-def _norm(a: Any, ord: Any = None, axis: Any = None) -> Any:  # noqa: A002  # as NumPy's
+def _norm(a: Dual, ord: object = None, axis: int | None = None) -> MaybeDual:  # noqa: A002  # as NumPy's
     if ord is not None:
         return _call_without_slopes(f"numpy.linalg.norm of order {ord}", np.linalg.norm, (a,), {})
     return np.sqrt(_sum(a * a, axis))
 
 
-_FUNCTIONS: dict[Any, Callable] = {
+_FUNCTIONS: dict[Callable, Callable] = {
     np.sum: _sum,
     np.mean: _along(np.mean),
     np.cumsum: _along(np.cumsum),
@@ -560,11 +561,11 @@ _PLACING = dict.fromkeys(
 ) | {np.where: (1, 2), np.append: (0, 1)}
 
 
-def _placed(function: Callable, inputs: Any, options: dict) -> Dual:
+def _placed(function: Callable, inputs: Sequence, options: dict) -> Dual:
     """The result of a function that only places entries: of values, then of rows of slopes."""
     parts, count = list[np.ndarray](), 1
 
-    def values_and_rows(value: Any) -> tuple[Any, Any]:
+    def values_and_rows(value: npt.ArrayLike) -> tuple[object, object]:
         nonlocal count
         if isinstance(value, list | tuple):
             pairs = [values_and_rows(part) for part in value]
@@ -582,7 +583,7 @@ def _placed(function: Callable, inputs: Any, options: dict) -> Dual:
     return Dual(values, slopes.take(rows, 0))
 
 
-_AS_METHODS = (
+_AS_METHODS: tuple[Callable, ...] = (
     *(rule for rule in _RULES if rule.nin == 1),
     *(np.sum, np.mean, np.cumsum, np.dot, np.clip, np.repeat),
     *(np.ravel, np.transpose, np.copy, np.squeeze, np.argsort),

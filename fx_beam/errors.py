@@ -252,48 +252,48 @@ def finite(value, name: str, sign: str = "", alternative: str = "") -> float:
 IS_DATA = {"number": True}
 
 
-Check = Callable[[Any, str], Any]
+Check = Callable[[object, str], object]
 
 
 def real(sign: str = "", optional: bool = False, **default: Any) -> Any:
     """A field that is a number, with a sign as of `finite`; or None, if it is optional."""
 
-    def check(value: Any, name: str) -> float | None:
+    def check(value: object, name: str) -> float | None:
         alternative = ", or None" if optional else ""
         return None if value is None and optional else finite(value, name, sign, alternative)
 
     return field(metadata={**IS_DATA, "check": check}, **default)
 
 
-def _field(ok: Callable[[Any], bool], expected: str, kind: Callable, default: dict) -> Any:
+def _field(ok: Callable[[object], bool], expected: str, kind: Callable, default: dict) -> Any:
     """A field that fits, and is made of a kind."""
 
-    def check(value: Any, name: str) -> Any:
+    def check(value: object, name: str) -> object:
         require(ok(value), name, value, expected)
         return kind(value)
 
     return field(metadata={"check": check}, **default)
 
 
-def between(low: float, high: float, expected: str = "", **default: Any) -> Any:
+def between(low: float, high: float, expected: str = "", **default: object) -> Any:
     """A field that is a number between two others."""
     expected = expected or f"a number between {low:g} and {high:g}"
     return _field(lambda value: low < as_float(value) < high, expected, as_float, default)
 
 
-def whole(least: int, most: float = 1e9, **default: Any) -> Any:
+def whole(least: int, most: float = 1e9, **default: object) -> Any:
     """A field that is a whole number in a range."""
     expected = f"a whole number from {least} {'on' if most == 1e9 else f'to {most:,}'}"
     return _field(lambda value: is_whole(value, least, most), expected, int, default)
 
 
-def flag(**default: Any) -> Any:
+def flag(**default: object) -> Any:
     """A field that is True or False."""
     return _field(is_flag, "True or False", bool, default)
 
 
 @functools.cache
-def _checks(kind: Any) -> list[tuple[str, Check, bool]]:
+def _checks(kind: type) -> list[tuple[str, Check, bool]]:
     checked = [f for f in fields(kind) if "check" in f.metadata]
     return [(f.name, f.metadata["check"], "number" in f.metadata) for f in checked]
 

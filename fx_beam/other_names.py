@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from typing import Any
 
 _POSITIONS = "Use solution.position(node), or solution.X + solution.q[..., :2] for all nodes"
 _DISPLACEMENTS = "Use solution.displacement(node), or solution.q for all nodes"
@@ -44,7 +43,7 @@ _OTHERS = {
 }
 
 
-def no_attribute(owner: Any, name: str, names: Iterable[str]) -> AttributeError:
+def no_attribute(owner: object, name: str, names: Iterable[str]) -> AttributeError:
     """The error for a name that an object does not have, with what it may be called."""
     kind = type(owner).__name__
     hint = _OTHERS.get(kind, {}).get(name)
