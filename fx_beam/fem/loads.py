@@ -134,7 +134,7 @@ class LoadedBeams(NamedTuple):
 
     beams: tuple[Beam, ...]
     loads: tuple[Load, ...]
-    gravity: MaybeDual
+    gravity: np.ndarray | None
     array_calls: ArrayCalls | None
 
     @classmethod

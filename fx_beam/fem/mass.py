@@ -154,7 +154,7 @@ class Mass:
             named = _WORDS.items()
             self.assembled += [word for x, word in named if any(getattr(s, x) for s in sections)]
             self.assembled += ["lumped mass"] * bool(scene.masses)
-        if self.weight is not None:
+        if self.weight is not None and scene.gravity is not None:
             self.assembled.append("gravity")
             if any_of(floats(scene.gravity)) and not any_of(self.weight):
                 _log.warning("gravity acts on no mass. Give sections rho or rhoA, or add masses")
