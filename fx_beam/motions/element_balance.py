@@ -133,8 +133,9 @@ class ElementBalance:
         """Dead loads (n, size) of elements in the sub-steps."""
         loads = self._loads.dead
         dead = self._in_steps(lambda t: floats(loads.series(t)) @ loads.unit_loads.T)
-        if (weight := floats(self._loads.weight)) is not None:
-            dead = dead + (1.0 if self._rest is None else self._rest.factors[:, None]) * weight
+        if (weight := self._loads.weight) is not None:
+            factors = 1.0 if self._rest is None else self._rest.factors[:, None]
+            dead = dead + factors * floats(weight)
         return dead
 
     def _in_steps(self, values) -> np.ndarray:
