@@ -19,12 +19,12 @@ from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.fem.point_values import PointSteps, PointValues
 from fx_beam.laws.interval import StepBatch
 from fx_beam.results.solution import Solution
-from fx_beam.scene.joints import GROUND
 from fx_beam.scene.outputs import Measured
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
+from fx_beam.step.recorded_histories import driven_of, driven_terms
 
 from .gradient import Block, Gradient, jvp, of_names, of_rows, vjp
 from .row_output import Needs, Places, RowOutput
@@ -338,13 +338,11 @@ def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
     else:
         factors = floats(Forcing(model).loads(t0, t1)).mean(axis=1)
     # Paths (k, driven) of driven motions, and derivatives by the increments along the path.
-    paths, slide_slopes = np.zeros_like(driven), np.zeros_like(slides)
+    paths, slide_slopes = driven_of(model, path, slides), np.zeros_like(slides)
     path_slopes = (columns @ factors.T).T
-    parts = {"q": (path, path_slopes), "slides": (slides, slide_slopes)}
-    for name, i, entry, sign in _driven_paths(model):
-        increments, slopes = parts[name]
-        paths[:, i] += sign * increments[:, entry]
-        slopes[:, entry] += sign * driven[:, i]
+    slopes_of = {"q": path_slopes, "slides": slide_slopes}
+    for name, i, entry, sign in driven_terms(model):
+        slopes_of[name][:, entry] += sign * driven[:, i]
     increment_slopes = path_slopes * slope
     if at_rest and model.masses.weight is not None:
         # All of its work is potential energy, but for what the load factor leaves out.
@@ -387,15 +385,3 @@ def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
 def _with_last(values: np.ndarray) -> np.ndarray:
     """Means (k, ...) of each row and the one before; of the first row itself."""
     return (values + np.concatenate([values[:1], values[:-1]])) / 2
-
-
-def _driven_paths(model: Model) -> Iterator[tuple[str, int, int, int]]:
-    """Terms of the paths of driven motions: of "q" or "slides", number, entry and sign."""
-    yield from (("q", i, dof, 1) for i, dof in enumerate(model.prescribed))
-    for i, (joint, name) in enumerate(model.data.motors, start=len(model.prescribed)):
-        if name == "slide":
-            yield "slides", i, joint.number, 1
-            continue
-        for node, sign in ((joint.b, 1), (joint.a, -1)):
-            if node is not GROUND:
-                yield "q", i, model.mesh.dofs[node.number, 2], sign

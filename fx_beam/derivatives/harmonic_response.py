@@ -137,14 +137,8 @@ class HarmonicResponse(OfParameters):
         f = checked_frequencies(frequencies, f"{_WHAT}: frequencies")
         self._begin(build, f, state, base)
 
-    def _begin(
-        self,
-        build: Callable[[np.ndarray], tuple],
-        f: np.ndarray,
-        state: Callable[[Scene], Solution] | None,
-        base: Sequence[complex] | None,
-    ) -> None:
-        self._arguments, self._f, self._base = (build, f, state, base), f, base
+    def _begin(self, *arguments) -> None:
+        self._arguments = build, self._f, state, self._base = arguments
         self._parameters = Parametrised(build, self._read, "amplitudes", self._load_numbers)
         self._tangent = TangentAnalysis(self._parameters, _WHAT, _WHAT, state, damped=True)
 

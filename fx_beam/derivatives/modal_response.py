@@ -131,14 +131,8 @@ class ModalResponse(OfParameters):
         check_takes(build, "x", "ModalResponse: build")
         self._begin(build, n, state, damped)
 
-    def _begin(
-        self,
-        build: Callable[[np.ndarray], Scene],
-        n: int,
-        state: Callable[[Scene], Solution] | None,
-        damped: bool,
-    ) -> None:
-        self._arguments, self._n, self._damped = (build, n, state, damped), n, damped
+    def _begin(self, *arguments) -> None:
+        self._arguments = build, self._n, state, self._damped = arguments
         self._parameters = Parametrised(build, _read, "modes")
         caller = "ModalResponse", "modes"
         self._tangent = TangentAnalysis(self._parameters, *caller, state, self._damped)

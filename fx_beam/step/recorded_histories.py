@@ -17,6 +17,7 @@ from fx_beam.dual import floats
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.records import Energy
 from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS
+from fx_beam.scene.joints import GROUND
 
 from .forcing import Forcing
 from .model import Model, once, sizes_of
@@ -218,12 +219,22 @@ def _fit(
 
 def driven_of(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Prescribed motions and coordinates of motors (n, driven)."""
-    positions = [q[:, model.prescribed]]
-    q = np.pad(q, ((0, 0), (0, 1)))  # the ground is the last
-    for joint, name in model.data.motors:
-        a, b = (q[:, rotation_of(node)] for node in (joint.a, joint.b))
-        positions.append((b - a if name == "rotation" else slides[:, joint.number])[:, None])
-    return np.hstack(positions)
+    positions, arrays = np.zeros((len(q), model.couplings.driven)), {"q": q, "slides": slides}
+    for name, i, entry, sign in driven_terms(model):
+        positions[:, i] += sign * arrays[name][:, entry]
+    return positions
+
+
+def driven_terms(model: Model) -> Iterator[tuple[str, int, int, int]]:
+    """Terms of driven motions: "q" or "slides", number of the motion, entry and sign."""
+    yield from (("q", i, dof, 1) for i, dof in enumerate(model.prescribed))
+    for i, (joint, name) in enumerate(model.data.motors, start=len(model.prescribed)):
+        if name == "slide":
+            yield "slides", i, joint.number, 1
+            continue
+        for node, sign in ((joint.b, 1), (joint.a, -1)):
+            if node is not GROUND:
+                yield "q", i, rotation_of(node), sign
 
 
 def driven_increments(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
