@@ -71,13 +71,13 @@ class CriticalLoad:
                 f"{_WHAT}: no derivatives: {len(point.modes)} modes become unstable at once, at "
                 f"load factor {point.load_factor:.6g}. Let them differ, by other parameters"
             )
-        self._about = about = linearised(scene, state, _WHAT)
-        start, beams = about.start, about.model.forms.beams
+        self._linear = linear = linearised(scene, state, _WHAT)
+        start, beams = linear.start, linear.model.forms.beams
         flowed = any(x is not None and x.any() for x in (start.internal, start.spring_internal))
         if flowed or (beams is not None and beams.has_external):
             reason = "material flows on the path" if flowed else "added virtual works have none"
             raise SceneError(f"{_WHAT}: no derivatives: {reason}")
-        self._tangent.begin(about, state)
+        self._tangent.begin(linear, state)
         changes, factor_slopes = derivatives(self._tangent.numbers_of), self._tangent.by_factor()
         #: Changes (m + 1, ...) of all numbers by x, and by the load factor.
         self._changes = {}
@@ -87,9 +87,9 @@ class CriticalLoad:
         self._tangent.take(self._changes, self._changes.keys())
         omega = point.modes.angular_frequencies[0]
         self._square = omega**2 if point.kind == FLUTTER else 0.0
-        self._unit = about.model.units.unknowns[about.unknowns]
+        self._unit = linear.model.units.unknowns[linear.unknowns]
         unit = scipy.sparse.diags(self._unit)
-        self._B = (unit @ (about.K - self._square * about.M) @ unit).tocsr()
+        self._B = (unit @ (linear.K - self._square * linear.M) @ unit).tocsr()
         left, right = (vectors[:, 0] for vectors in null_vectors(self._B))
         self._right, self._left = right, left if left @ right > 0 else -left
         self.phi, self.psi = self._unit * self._right, self._unit * self._left
@@ -99,7 +99,7 @@ class CriticalLoad:
 
         In the complement of the null vector if K is singular.
         """
-        right_side, K = self._unit * state_gradient[0], self._about.K
+        right_side, K = self._unit * state_gradient[0], self._linear.K
         if self._square:
             unit = scipy.sparse.diags(self._unit)
             return self._unit * pivoted_lu((unit @ K @ unit).T).solve(right_side)[None]
@@ -179,13 +179,11 @@ class CriticalLoad:
         return Pairs(self.phi[None], self.psi[None], np.zeros(1, int), 1.0, mass=mass)
 
     def _disturbing(self, factor_change: float) -> np.ndarray:
-        """Work (m,) on the mode of forces that appear with x.
+        """Work (m,) on the mode of forces that appear with x; zero where it is round-off.
 
-        It is set to zero where it is small beside the sum of its absolute parts, beside that in a
-        motion of all unknowns, and beside the work of the load times the relative changes of
-        numbers with x.
+        So it is beside its parts, and beside the load's times the relative changes of numbers.
         """
-        f, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._about.scene)
+        f, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._linear.scene)
         largest_forces = self._tangent.forces(self._unit)
         sizes = {
             name: np.maximum(abs(f[name]), _ROUNDING * abs(largest_forces[name])) for name in f

@@ -169,21 +169,21 @@ class HarmonicResponse(OfParameters):
         """
         values = self._parameters.begin(x)
 
-        def take_load(about: Linearisation) -> None:
+        def take_load(linear: Linearisation) -> None:
             """Forces (size,) of the load or of a moving base, and the motion of this."""
-            self._moved = np.zeros(about.model.size)
+            self._moved = np.zeros(linear.model.size)
             if self._base is None:
-                self._force = nodal_load(about, self._parameters.besides[0], f"{_WHAT}: load")
+                self._force = nodal_load(linear, self._parameters.besides[0], f"{_WHAT}: load")
             else:
-                self._moved = base_motion(about, self._base, f"{_WHAT}: base")
-                self._force = about.model.masses.matrix @ self._moved
+                self._moved = base_motion(linear, self._base, f"{_WHAT}: base")
+                self._force = linear.model.masses.matrix @ self._moved
 
-        about = self._tangent.run(values, take_load)
+        linear = self._tangent.run(values, take_load)
         _, observed = self._parameters.besides
         self._load_changes: np.ndarray | None = None
-        self._measured = ObservedMotion(about, observed, f"{_WHAT}: at")
-        sides = np.array([about.unknown_forces(self._force), *self._measured.rows]).T
-        self._vibrations = _Vibrations(Vibration(about, _WHAT), sides, self._base is not None)
+        self._measured = ObservedMotion(linear, observed, f"{_WHAT}: at")
+        sides = np.array([linear.unknown_forces(self._force), *self._measured.rows]).T
+        self._vibrations = _Vibrations(Vibration(linear, _WHAT), sides, self._base is not None)
         solved = [self._vibrations.solved(f) for f in self._f]
         motions, adjoints = map(np.array, zip(*solved, strict=True))
         self._solutions = self._f, motions, adjoints
@@ -330,7 +330,7 @@ class HarmonicResponse(OfParameters):
         slopes = self._tangent.of_sums(pairs, weights)
         if not self._load_changes.any():
             return slopes
-        node, about = self._parameters.besides[0][0], self._tangent.about
-        node_motions = about.T[about.model.mesh.dofs[node.number]]
+        node, linear = self._parameters.besides[0][0], self._tangent.linear
+        node_motions = linear.T[linear.model.mesh.dofs[node.number]]
         load_slopes = weights @ (pairs.left @ node_motions.T @ self._load_changes.T)
         return slopes + load_slopes.real

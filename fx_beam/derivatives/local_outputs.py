@@ -54,7 +54,7 @@ class LocalOutput(RowOutput):
             self._blocks += self._by_place(measured, read, place_of(name))
 
     def blocks(self, rows: np.ndarray) -> list[Block]:
-        """Its derivatives, in all rows."""
+        """Derivatives of the output, in all rows."""
         return self._blocks
 
     def _by_place(self, measured: Measured, read: Callable, numbers: str) -> Iterator[Block]:

@@ -158,8 +158,8 @@ class ModalResponse(OfParameters):
             in the second column damping ratios.
         """
         values = self._parameters.begin(x)
-        self._about = about = self._tangent.run(values)
-        if not about.has_potential:
+        self._linear = linear = self._tangent.run(values)
+        if not linear.has_potential:
             raise SceneError(
                 "ModalResponse: the stiffness is not symmetric, since a load or an added virtual "
                 "work depends on the motion and has no potential, or friction slips, or sticks to "
@@ -167,21 +167,21 @@ class ModalResponse(OfParameters):
                 'without; of loads at flutter the output "critical_load" of StaticResponse has some'
             )
         self._looked_above = False
-        self._damping = about.damping("modes", self._damped)
+        self._damping = linear.damping("modes", self._damped)
         extra = 2 if self._damped else 0  # copies above are seen without damping only
         if self._take_modes(self._n + extra) < _SAME:
             self._take_modes(2 * self._n + _MORE)
         omega, ratios, roots, vectors = self._modes.of(slice(self._n))
-        self._shapes = about.T @ vectors
+        self._shapes = linear.T @ vectors
         self.modes = modes_of(
-            about.model, about.start.q, self._shapes, omega, omega == 0, ratios, roots
+            linear.model, linear.start.q, self._shapes, omega, omega == 0, ratios, roots
         )
         self._parameters.x = values
         return np.column_stack([omega, ratios]) if self._damped else omega.copy()
 
     def _take_modes(self, count: int) -> float:
         """Find the lowest modes, in their places; the least likeness to the last ones there."""
-        omega, _, ratios, roots, vectors = lowest_modes(self._about, self._damping, count)
+        omega, _, ratios, roots, vectors = lowest_modes(self._linear, self._damping, count)
         order, alike = self._places(vectors)
         self._modes = _Modes(omega, ratios, roots, vectors).of(order)
         return alike
@@ -191,12 +191,12 @@ class ModalResponse(OfParameters):
 
         By the modal assurance criterion.
         """
-        about, last = self._about, self._shapes
-        shapes = about.T @ vectors
+        linear, last = self._linear, self._shapes
+        shapes = linear.T @ vectors
         mode_numbers = np.arange(shapes.shape[1])
         if last is None or len(last) != len(shapes) or last.shape[1] > len(mode_numbers):
             return mode_numbers, 1.0
-        mass = about.model.masses.matrix
+        mass = linear.model.masses.matrix
         lengths = [np.einsum("ij,ij->j", x.conj(), mass @ x).real for x in (last, shapes)]
         alike = abs(last.conj().T @ (mass @ shapes)) ** 2 / np.outer(*lengths)
         rows, order = linear_sum_assignment(-alike)
@@ -292,7 +292,7 @@ class ModalResponse(OfParameters):
             return
         highest = self._modes.omega.max()
         bound = highest * abs(highest) + 2 * _EQUAL * highest**2
-        if self._about.undamped_modes.count_below(bound) != len(self._modes.omega):
+        if self._linear.undamped_modes.count_below(bound) != len(self._modes.omega):
             self._take_modes(2 * self._n + _MORE)
         self._looked_above = True
 
@@ -324,11 +324,11 @@ class ModalResponse(OfParameters):
         With left and right vectors l and x, ds = -l.(s^2 dM + s dC + dK) x / l.(2 s M + C) x.
         """
         modes, mode_of = np.unique(right, return_inverse=True)
-        about, C, vectors = self._about, self._damping, self._modes.vectors
+        linear, C, vectors = self._linear, self._damping, self._modes.vectors
         x, lefts = vectors.T, vectors[:, left].T
         s, slope = self._modes.roots[right], 2 * self._modes.roots[right]
         if C is not None:
-            pencil, A = DampedPencil(about.stiffness, C, about.inertia), C.alone
+            pencil, A = DampedPencil(linear.stiffness, C, linear.inertia), C.alone
             if abs(A - A.T).max() > _SYMMETRIC * abs(A).max():
                 modes_of_roots = zip(s, lefts, strict=True)
                 lefts = np.array([_left_vector(pencil, *mode) for mode in modes_of_roots])

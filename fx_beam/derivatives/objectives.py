@@ -115,7 +115,7 @@ class Misfit(_OfRun):
 
     @one_thread
     def jacobian(self, x: Sequence[float]) -> np.ndarray:
-        """Their derivatives (n, m) by x; without another motion if the last one was that of x."""
+        """Derivatives (n, m) of deviations by x; without a motion if the last one was that of x."""
         if self._x is not self._shared().x or not np.array_equal(self._x, x):
             self(x)
         J, parts = self._run.jacobian(*self._measured), []

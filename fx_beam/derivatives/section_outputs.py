@@ -228,7 +228,7 @@ class SectionOutput(RowOutput):
             yield numbers, parts
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
-        """Its derivatives in some of the rows."""
+        """Derivatives of the output in some of the rows."""
         for chosen, parts in self._batches(np.flatnonzero(np.isin(self._rows, rows))):
             yield from self._of_steps(chosen, parts)
         yield from self._row_blocks

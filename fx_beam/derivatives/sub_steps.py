@@ -163,10 +163,9 @@ class SubSteps:
                 yield part._replace(derivatives=block.derivatives[which]).times(factor)
 
     def _sources(self, steps: np.ndarray) -> dict[str, list[_Source]]:
-        """The terms of which what forms read of sub-steps is the sum, by name.
+        """Terms whose sum forms read of sub-steps, by name.
 
-        Each in some (k,) of them: an array of states, or of numbers with a row for each sub-step,
-        places (k,) in it, None for numbers of all, and a factor.
+        Their arrays are those of states, or of numbers with a row for each sub-step.
         """
         sources: dict[str, list[_Source]] = {}
         all_places, moved = self.places(steps), self._moves * self._short

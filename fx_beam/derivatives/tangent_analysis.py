@@ -40,23 +40,23 @@ class TangentAnalysis:
         self.parameters, self._what, self._asked = parameters, caller, analysis
         self._state, self._damped = state, damped
         #: The linearised scene of the last call.
-        self.about: Linearisation
+        self.linear: Linearisation
         self._models: dict[str, Lease] = {}
         self._tangent = TangentDerivatives(caller)
         self._changes: dict[str, np.ndarray] | None = None
 
     def run(
-        self, x: np.ndarray, take: Callable[[Linearisation], None] = lambda about: None
+        self, x: np.ndarray, take: Callable[[Linearisation], None] = lambda linear: None
     ) -> Linearisation:
         """Linearise about the equilibrium of the scene of parameters; `take` gets it first."""
 
         def linearise(x: np.ndarray | Dual) -> Linearisation:
-            take(about := self._linearised(x))
-            return about
+            take(linear := self._linearised(x))
+            return linear
 
         self._changes = None
-        self.about = self.parameters.scenes.serve(x, linearise, self._state is None)
-        return self.about
+        self.linear = self.parameters.scenes.serve(x, linearise, self._state is None)
+        return self.linear
 
     def _linearised(self, x: np.ndarray | Dual) -> Linearisation:
         scene = self.parameters.take(x)
@@ -65,20 +65,20 @@ class TangentAnalysis:
         is_static = self._state is None or self._path is not None
         expected = "a solution of fx_beam.static(scene)"
         require(is_static, f"{self._what}: state(scene)", self._end, expected)
-        about = linearised(scene, self._end, self._asked, self._models)
-        scheme, unknowns = about.model.scheme, len(about.unknowns)
+        linear = linearised(scene, self._end, self._asked, self._models)
+        scheme, unknowns = linear.model.scheme, len(linear.unknowns)
         self.parameters.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)
-        if self._damped and about.may_be_damped:
-            _ = about.damped_model  # which has the slopes of the scene as well
-        return about
+        if self._damped and linear.may_be_damped:
+            _ = linear.damped_model  # which has the slopes of the scene as well
+        return linear
 
     def changes(self) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of all numbers of the last call."""
         if self._changes is None:
-            self._tangent.begin(self.about, self._end, self._damped)
+            self._tangent.begin(self.linear, self._end, self._damped)
             start: StateChange | None = None
             derivatives = self.parameters.derivatives
-            if self._path is not None and self.about.model.kinks.flows:
+            if self._path is not None and self.linear.model.kinks.flows:
                 start = StaticDerivatives(self._path).change_of_end(derivatives, self._what)
             self._changes = derivatives(functools.partial(self._tangent.numbers_of, start=start))
         return self._changes

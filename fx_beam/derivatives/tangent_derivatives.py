@@ -98,23 +98,23 @@ class TangentDerivatives:
         #: Changes (m, ...) of the numbers by x.
         self.changes: Arrays
 
-    def begin(self, about: Linearisation, state: Solution | None, damped: bool = False) -> None:
+    def begin(self, linear: Linearisation, state: Solution | None, damped: bool = False) -> None:
         """Take the tangent about a state, or about the reference."""
-        if friction_sticks(about.model.forms.compiled_points, about.start.q, about.start.slides):
+        if friction_sticks(linear.model.forms.compiled_points, linear.start.q, linear.start.slides):
             raise SceneError(f"{self._what}: no derivatives: friction that sticks has none")
         end = None if state is None else state.end
         self._factor = 0.0 if state is None or end is None else float(state.t[-1])
         self._inputs = None if end is None else end.inputs
         #: The state, if it follows from x; where something flows, from all load steps before.
         self._state: ImplicitFunction | None = None
-        if state is not None and not about.model.kinks.flows:
+        if state is not None and not linear.model.kinks.flows:
             self._state = ImplicitFunction(
-                functools.partial(self._solved, about.K),
+                functools.partial(self._solved, linear.K),
                 self._forces_along_x,
-                functools.partial(self._solved, about.K.T),
+                functools.partial(self._solved, linear.K.T),
                 lambda weights: self.by_x(self.forces(weights)),
             )
-        self._about, self._steps = about, TangentSteps(about, self._factor, damped)
+        self._linear, self._steps = linear, TangentSteps(linear, self._factor, damped)
         problem = self._steps.problem
         if problem is not self._problem:
             self._derivatives = TapeDerivatives(problem)
@@ -186,13 +186,13 @@ class TangentDerivatives:
 
     def along_motions(self, pairs: Pairs) -> _Terms:
         """The motions r of pairs as directions; also l, if motions of nodes depend on the state."""
-        about, right, left = self._about, pairs.right, pairs.left
+        linear, right, left = self._linear, pairs.right, pairs.left
         k, c, m = (np.reshape(x, (-1, 1)) for x in (pairs.stiffness, pairs.damping, pairs.mass))
-        T, mass_of = about.T, about.model.masses.matrix
+        T, mass_of = linear.T, linear.model.masses.matrix
         moved, directions, motion = _times(T, left), right, _times(T, right)[pairs.owner]
         masses, turns = [(m * moved, motion)], list[tuple[scipy.sparse.csr_matrix, np.ndarray]]()
-        if about.frame is not None:  # Coriolis forces are the mass times these
-            turn = 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
+        if linear.frame is not None:  # Coriolis forces are the mass times these
+            turn = 2 * np.sqrt(self._factor) * linear.frame.spin * linear.frame.quarter_turn
             masses.append((c * moved, _times(turn, motion)))
             turns.append((turn, c))
         if pairs.base is not None:
@@ -230,7 +230,7 @@ class TangentDerivatives:
 
         length_weights = self._steps.of_lengths(terms.stiffness, terms.damping, time)
         force_weights = np.vstack([weighted(terms.owner, values) for values in length_weights])
-        end_weights = np.zeros((len(force_weights), len(self._about.start.q)))
+        end_weights = np.zeros((len(force_weights), len(self._linear.start.q)))
         end_weights[: len(basis)] = sum(weighted(*end) for end in terms.ends)
         steps = self._steps.along(basis, time, curved)
         number_slopes, state_slopes = self._backwards(steps, force_weights, end_weights)
@@ -275,12 +275,12 @@ class TangentDerivatives:
 
     def forces(self, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of weights (free,) times the residual by numbers in the state."""
-        step, none = self._steps.one_step(len(weights)), 0 * self._about.start.q[None]
+        step, none = self._steps.one_step(len(weights)), 0 * self._linear.start.q[None]
         return self._backwards(step, weights[None], none)[0]
 
     def _forces_along_x(self) -> np.ndarray:
         """Changes (m, free) of the residual in the state with x."""
-        none = np.zeros((len(self.changes["X"]), len(self._about.unknowns)))
+        none = np.zeros((len(self.changes["X"]), len(self._linear.unknowns)))
         return self._pushed(self._steps.one_step(none.shape[1]), none)[0][0]
 
     def _pushed(
@@ -299,7 +299,7 @@ class TangentDerivatives:
 
         Those by numbers hold the state, if this follows from other numbers.
         """
-        unknowns, tape = self._about.unknowns, self._steps.tape(steps)
+        unknowns, tape = self._linear.unknowns, self._steps.tape(steps)
         spread = self._steps.spread(weights)
         chosen, names = unknowns[: None if self._state is None else 0], self._changing.keys()
         number_slopes, unknown_slopes = self._derivatives.vjp_of_equations(
@@ -357,5 +357,5 @@ def _times(matrix: scipy.sparse.csr_matrix, vectors: np.ndarray) -> np.ndarray:
 
 
 def _mean(times: np.ndarray) -> float:
-    """Their geometric mean."""
+    """Geometric mean of times (n,) [s]."""
     return float(np.exp(np.log(times).mean()))

@@ -51,13 +51,13 @@ class Steps(NamedTuple):
 class TangentSteps:
     """Steps from the state of a linearised scene, at a load factor."""
 
-    def __init__(self, about: Linearisation, factor: float, damped: bool):
-        self._about, self._start, self._factor = about, about.start, factor
+    def __init__(self, linear: Linearisation, factor: float, damped: bool):
+        self._linear, self._start, self._factor = linear, linear.start, factor
         #: Sizes (free,) of motions of all unknowns by the size of the scene, or by a radian.
-        self.unit = about.model.units.unknowns[about.unknowns]
+        self.unit = linear.model.units.unknowns[linear.unknowns]
         # Steps that tell damping hold what flows, too.
-        self.damped = (damped and about.may_be_damped) or about.model.kinks.flows
-        model = about.damped_model if self.damped else about.model
+        self.damped = (damped and linear.may_be_damped) or linear.model.kinks.flows
+        model = linear.damped_model if self.damped else linear.model
         # Internal variables are held in these steps.
         losing = (law for law in model.points.laws if law.loss and not law.internal)
         nonlinear = any(law.iteration_memory or law.user_defined for law in losing)
@@ -73,10 +73,10 @@ class TangentSteps:
         unloaded = self.damped and factor == 0.0 and bool(loads)
         self._factors = [0.0, 1.0] if unloaded else [factor]
         # Forces that depend on rates, without inertia.
-        kind = ProblemKind(turns=about.frame is not None, inert=False)
+        kind = ProblemKind(turns=linear.frame is not None, inert=False)
         self.problem = Problem.of(model, kind)
-        self.problem.set_frame(about.frame)
-        self.forcing = LoadForcing(model, about.start.t)
+        self.problem.set_frame(linear.frame)
+        self.forcing = LoadForcing(model, linear.start.t)
 
     def of_lengths(
         self, stiffness: np.ndarray, damping: np.ndarray, time: float
@@ -120,11 +120,11 @@ class TangentSteps:
 
         And no node slides off its element, or along a member that it touches to another piece.
         """
-        about, model, start = self._about, self._about.model, self._start
+        linear, model, start = self._linear, self._linear.model, self._start
         if not (sum(model.points.switch_counts) or model.couplings.sliding):
             return most
         reduction, points = model.reduction, self._first[0]
-        columns, driven = about.columns @ direction, np.zeros(reduction.driven)
+        columns, driven = linear.columns @ direction, np.zeros(reduction.driven)
         reach = reduction.reach(start.slides, points[-1] * columns)
         distance = max(min(most, 0.9 * reach), _ON_ELEMENT)
         at_start, members = model.kinks.switches(start), model.points.members
@@ -145,7 +145,7 @@ class TangentSteps:
     def spread(self, rows: np.ndarray) -> np.ndarray:
         """Rows (n, free) of the model from rows of the unknowns; other columns are zero."""
         wide = np.zeros((len(rows), self.problem.c.free))
-        wide[:, self._about.unknowns] = rows
+        wide[:, self._linear.unknowns] = rows
         return wide
 
     def tape(self, steps: Steps) -> Tape:

@@ -111,16 +111,16 @@ class ArcLength:
         if turn > _REJECTED * target:
             D = new.q - state.q
             corner = corner_in(self._path, D, new.t - state.t, tangent, ahead)
-            if corner is None or corner.behind > _NEAR * ds or ahead.sense != tangent.sense:
+            if corner is None or corner.last > _NEAR * ds or ahead.sense != tangent.sense:
                 raise StepFailed("off the path", "the path deviates too far from its tangent", D)
             turn = target  # the path has a corner at the end of the step
         if home and (last := self._last_row(home, state, tangent, ds, new)):
             return Advance([last], ahead, turn, corrections, closes=True)
         limit = None
         if ahead.load * self.rising < -FLAT:
-            limit, behind = self._limit_point(state, tangent, ds, target, (new, ahead))
-            if behind is not None:
-                new, ahead = limit, behind
+            limit, limit_tangent = self._limit_point(state, tangent, ds, target, (new, ahead))
+            if limit_tangent is not None:
+                new, ahead = limit, limit_tangent
         if new.t >= 1:
             new, limit = self._last_step(state, tangent), None
         rows = [new] if limit is None or limit is new else [limit, new]
@@ -170,9 +170,9 @@ class ArcLength:
                 return new, new_tangent  # not at a bifurcation with two modes, which keeps the sign
         return self._extremum(state, tangent, (low + high) / 2, ds), None
 
-    def _extremum(self, state: State, tangent: Tangent, near: float, ds: float) -> State:
+    def _extremum(self, state: State, tangent: Tangent, middle: float, ds: float) -> State:
         """Where the load factor has an extremum near a distance: at a bifurcation."""
-        steps = [self.step(state, tangent, place) for place in near + ds * _SIDES]
+        steps = [self.step(state, tangent, place) for place in middle + ds * _SIDES]
         slopes = np.array([ahead.load for _, ahead in steps])
         return self._between(state, [new for new, _ in steps], root_near(_SIDES, slopes), ds)
 
@@ -252,15 +252,15 @@ class ArcLength:
             return None
         try:
             # Beyond the corner flow has begun.
-            behind = self.at_start(state, tangent, 2 * ds)
+            onwards = self.at_start(state, tangent, 2 * ds)
         except StepFailed:
             return None
-        behind = behind if behind.sense == tangent.sense else -behind
+        onwards = onwards if onwards.sense == tangent.sense else -onwards
         # From beyond the corner, where a contact has closed, or along it from the start.
-        for way, length in ((tangent, 2 * ds), (behind, ds)):
+        for way, length in ((tangent, 2 * ds), (onwards, ds)):
             try:
-                step, load = self._correct(state, way, length, behind, ds)
-                ahead = self._path.tangent(step.y, load, behind)
+                step, load = self._correct(state, way, length, onwards, ds)
+                ahead = self._path.tangent(step.y, load, onwards)
             except StepFailed:
                 continue
             corner = corner_in(self._path, step.D, load, tangent, ahead)
@@ -268,12 +268,12 @@ class ArcLength:
                 break
         else:
             return None
-        if corner.before > _NEAR * ds:
-            return corner.before, None
+        if corner.first > _NEAR * ds:
+            return corner.first, None
         new = self._finish(state, state.t + load, step)
         if new.t >= 1:
-            new = self._last_step(state, behind)
-        if self._path.along(behind, tangent.D, tangent.load) < 0:
+            new = self._last_step(state, onwards)
+        if self._path.along(onwards, tangent.D, tangent.load) < 0:
             # Back on the way one has come, unless the tangent changes at the start.
             if self.at_start(state, tangent, 2 * _NEAR * ds).sense == tangent.sense:
                 return None

@@ -92,27 +92,27 @@ def buckling(
     path.forcing.keep_start()
     path.stepper.path.held[:] = 0.0  # forces that hold the state do not fade
     check_forces(path.model)
-    about, motions = SmallLoads("buckling", path.stepper, first), path.stepper.motions
-    factors, vectors = _lowest(about, path.stepper, n)
+    small, motions = SmallLoads("buckling", path.stepper, first), path.stepper.motions
+    factors, vectors = _lowest(small, path.stepper, n)
     zeros = np.zeros(len(factors))
     motions.stiffness(first)  # the couplings are then those of the state
     shapes = motions.coupling() @ vectors
-    modes = modes_of(path.model, about.state.q, shapes, zeros, zeros > 0, zeros, zeros * 1j)
+    modes = modes_of(path.model, small.state.q, shapes, zeros, zeros > 0, zeros, zeros * 1j)
     return BucklingModes(factors, modes)
 
 
-def _lowest(about: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _lowest(small: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray, np.ndarray]:
     """The n lowest positive load factors, and vectors (unknowns, n)."""
     motions = stepper.motions
-    K = motions.stiffness(about.state)
+    K = motions.stiffness(small.state)
     size, unit = K.shape[0], scipy.sparse.diags(motions.unit)
-    if not size or not about.acts:
+    if not size or not small.acts:
         raise SceneError("buckling: the scene has no loads" if size else "buckling: nothing moves")
-    if not motions.symmetric(K) or motions.growing(about.state, K) != (0, 0):
+    if not motions.symmetric(K) or motions.growing(small.state, K) != (0, 0):
         raise SceneError(
             "buckling: the state is no stable equilibrium. Reduce its loads, or support it"
         )
-    Kg = geometric_stiffness(about, stepper)
+    Kg = geometric_stiffness(small, stepper)
     K, Kg = ((unit @ (A + A.T) @ unit / 2).tocsc() for A in (K, Kg))
     # 1/lambda are the largest eigenvalues of -Kg in the metric of K.
     if size <= _FULL or n > size // 3:

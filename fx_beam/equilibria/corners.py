@@ -25,12 +25,12 @@ _BENT = 0.1
 class Corner(NamedTuple):
     """Lengths of a step along the tangents before and behind a corner."""
 
-    before: float
-    behind: float
+    first: float
+    last: float
 
 
 def corner_in(
-    path: PathEquations, D: np.ndarray, load: float, before: Tangent, behind: Tangent
+    path: PathEquations, D: np.ndarray, load: float, first: Tangent, last: Tangent
 ) -> Corner | None:
     """The corner round which an increment (D, l) goes; None if it is not a sum of two tangents.
 
@@ -42,7 +42,7 @@ def corner_in(
     from scipy.optimize import nnls
 
     root = np.append(np.sqrt(path.weight), 1.0)
-    tangents = np.column_stack([root * np.append(t.D, t.load) for t in (before, behind)])
+    tangents = np.column_stack([root * np.append(t.D, t.load) for t in (first, last)])
     step = root * np.append(D, load)
     lengths, _ = nnls(tangents, step)
     rest = step - tangents @ lengths
@@ -62,14 +62,14 @@ def has_corner(path: PathEquations, old: State, new: State, step: StepSolution) 
         return False
     try:
         path.begin(old)
-        before, behind = path.with_the_load(0 * step.y, 0.0), path.with_the_load(step.y, load)
-        corner = corner_in(path, step.D, load, before, behind)
-        if corner is None or before.sense != behind.sense:
+        first, last = path.with_the_load(0 * step.y, 0.0), path.with_the_load(step.y, load)
+        corner = corner_in(path, step.D, load, first, last)
+        if corner is None or first.sense != last.sense:
             return False
-        middle = old.t + corner.before * before.load + corner.behind / 2 * behind.load
+        middle = old.t + corner.first * first.load + corner.last / 2 * last.load
         D = path.loop.step(old, Interval(old.t, middle))[1].D
     except StepFailed:
         return False
-    half = corner.behind / 2 * behind.D
-    rest = D - corner.before * before.D - half
+    half = corner.last / 2 * last.D
+    rest = D - corner.first * first.D - half
     return path.is_still(rest) or path.size(rest) <= _BENT * path.size(half)

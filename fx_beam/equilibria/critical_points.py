@@ -171,22 +171,22 @@ class PathStability:
         ends = counts[:1] * self._first, counts[-1:] * self._last
         return np.array(ends[0] + counts + ends[1], dtype=int)
 
-    def _at_limit(self, state: State, before: int, behind: int) -> int:
-        """Number of unstable modes at a limit point, from the rows before and behind it.
+    def _at_limit(self, state: State, last: int, following: int) -> int:
+        """Number of unstable modes at a limit point, from those of the `last` row before it.
 
-        The eigenvalue that is zero there counts as in the row before. Others that change their sign
-        between both rows count as they are there.
+        The eigenvalue that is zero counts as there; those that change beside it as they are here.
         """
-        if abs(behind - before) == 1 or self._motions.model.kinks.flows:
-            return before
+        if abs(following - last) == 1 or self._motions.model.kinks.flows:
+            return last
         K = self._motions.stiffness(state)
         if not self._motions.symmetric(K):
-            return before
-        values = self._motions.lowest(K, max(before, behind) + 1)[0]
+            return last
+        values = self._motions.lowest(K, max(last, following) + 1)[0]
         rest = int((np.delete(values, abs(values).argmin()) < 0).sum())
 
         def change(count: int) -> tuple[int, int]:
-            return abs(count - before) + abs(behind - (2 * rest + 1 - count)), abs(count - before)
+            gap = abs(count - last)
+            return gap + abs(following - (2 * rest + 1 - count)), gap
 
         return min((rest, rest + 1), key=change)
 

@@ -49,29 +49,29 @@ class Crossings:
         if None in (old.unstable_modes, new.unstable_modes):
             if old.negative_pivots == new.negative_pivots is not None:
                 return  # at flutter the path itself goes on as before
-        before, behind = (self.motions.count(state, old) for state in (old, new))
-        if before is None or behind is None or abs(behind - before) in (0, limits):
+        count, next_count = (self.motions.count(state, old) for state in (old, new))
+        if count is None or next_count is None or abs(next_count - count) in (0, limits):
             return
-        crossings, missing = self._in_step(old, new, before, behind)
+        crossings, missing = self._in_step(old, new, count, next_count)
         if missing:
-            before, behind = self.motions.count_again(old, new)
-            if before == behind:
+            count, next_count = self.motions.count_again(old, new)
+            if count == next_count:
                 return
             reason = (
-                f"of its modes {before} are unstable at its start and {behind} at its end, "
+                f"of its modes {count} are unstable at its start and {next_count} at its end, "
                 f"with no critical point between ({missing}): it has reached another path"
             )
             raise StepFailed("off the path", reason, new.q - old.q)
         self._seen[id(new)] = old, new, crossings
 
     def between(
-        self, old: State, new: State, before: int, behind: int
+        self, old: State, new: State, count: int, next_count: int
     ) -> tuple[list[Crossing], str]:
         """Crossings in a step with numbers of unstable modes, and why others were not found."""
         cached = self._seen.get(id(new))
         if cached is not None and cached[0] is old:
             return cached[2], ""
-        return self._in_step(old, new, before, behind)
+        return self._in_step(old, new, count, next_count)
 
     def _in_step(self, old: State, new: State, *counts: int) -> tuple[list[Crossing], str]:
         """Points in a step, and why another one was not found; empty if all were."""

@@ -32,30 +32,30 @@ def first_order(
 
     Every history is linear in the load factor; energies and work are quadratic.
     """
-    about = SmallLoads("static: linear", stepper, start)
-    close, recorder = about.solution, about.recorder
+    small = SmallLoads("static: linear", stepper, start)
+    close, recorder = small.solution, small.recorder
     histories = _Histories(histories_of(recorder))
     for name, rows in histories.items():
         if isinstance(rows, np.ndarray) and len(rows) == len(close.t):
-            histories[name] = about.at_ends(rows)
+            histories[name] = small.at_ends(rows)
         elif isinstance(rows, Energy):
             parts = (
-                [part[0], part[0] + about.slope(part) + about.curvature(part)]
+                [part[0], part[0] + small.slope(part) + small.curvature(part)]
                 for part in vars(rows).values()
             )
             histories[name] = Energy(*map(np.array, parts))
     histories.update({"t": np.array([0.0, 1.0]), "t_level": np.array([0.0, 1.0])})
-    last = end(start.changed(t=1.0, q=start.q + about.D))
+    last = end(start.changed(t=1.0, q=start.q + small.D))
     solution = solution_of(recorder, stats, lambda: last, stored=histories)
 
     def resultants_of_beam(name: str) -> BeamResultants:
         beam = close.resultants_of_beam(name)
-        N, Q, M = map(about.at_ends, (beam.N, beam.Q, beam.M))
+        N, Q, M = map(small.at_ends, (beam.N, beam.Q, beam.M))
         return BeamResultants(beam.s, N, Q, M, lambda: balance_of(beam))
 
     def balance_of(beam: BeamResultants) -> Balance:
         balance = beam.balanced()
-        ends, jumps = map(about.at_ends, (balance.ends, balance.jumps))
+        ends, jumps = map(small.at_ends, (balance.ends, balance.jumps))
         return Balance(balance.s, ends, balance.places, jumps)
 
     solution.resultants_of_beam = resultants_of_beam

@@ -36,13 +36,13 @@ def check_forces(model: Model) -> None:
         )
 
 
-def geometric_stiffness(about: SmallLoads, stepper: LoadStepper) -> scipy.sparse.csr_matrix:
+def geometric_stiffness(small: SmallLoads, stepper: LoadStepper) -> scipy.sparse.csr_matrix:
     """dK/dlambda (unknowns, unknowns) by forces alone: displacements stay those of the state."""
     model, motions = stepper.model, stepper.motions
-    K = _beam_part(about, model) + _line_part(about, model)
-    motions.stiffness(about.state)  # the couplings are then those of this state
+    K = _beam_part(small, model) + _line_part(small, model)
+    motions.stiffness(small.state)  # the couplings are then those of this state
     T = motions.coupling()
-    return (T.T @ K @ T + _joint_part(about, model)).tocsr()
+    return (T.T @ K @ T + _joint_part(small, model)).tocsr()
 
 
 def _assembled(dofs: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_matrix:
@@ -52,21 +52,19 @@ def _assembled(dofs: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.
     return scipy.sparse.csr_matrix((blocks.ravel(), (rows, columns)), (size, size))
 
 
-def _beam_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
-    """Part (size, size) of N and Q: the second variation of N eps + Q gamma (eqs 9 and 10).
-
-    With t and n along and across the section: N (2 n.du' dpsi - t.phi' dpsi^2) and
-    -Q (2 t.du' dpsi + n.phi' dpsi^2).
-    """
+def _beam_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+    """Part (size, size) of N and Q: the second variation of N eps + Q gamma (eqs 9 and 10)."""
+    # With t and n along and across the section: N (2 n.du' dpsi - t.phi' dpsi^2) and
+    # -Q (2 t.du' dpsi + n.phi' dpsi^2).
     mesh, size = model.mesh, model.size
     if not model.scene.beams:
         return scipy.sparse.csr_matrix((size, size))
-    nodes = nodes_of_elements(about.solution)
+    nodes = nodes_of_elements(small.solution)
     count = nodes.shape[1]
     points, weights = gauss_rule(count - 1)
     values, slopes = lagrange_and_slopes(np.linspace(0, 1, count), points)
-    N, Q = (_slopes_of(about, model, name)[..., None] for name in "NQ")
-    X, q = mesh.X[nodes], about.state.q.reshape(-1, 3)[nodes]
+    N, Q = (_slopes_of(small, model, name)[..., None] for name in "NQ")
+    X, q = mesh.X[nodes], small.state.q.reshape(-1, 3)[nodes]
     dX = np.einsum("ga,eai->egi", slopes, X)  # J times the tangent
     J = np.linalg.norm(dX, axis=-1, keepdims=True)
     x, y = np.moveaxis(dX / J, -1, 0)
@@ -86,23 +84,23 @@ def _beam_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     return _assembled(mesh.dofs[nodes].reshape(-1, width), blocks.reshape(-1, width, width), size)
 
 
-def _slopes_of(about: SmallLoads, model: Model, name: str) -> np.ndarray:
+def _slopes_of(small: SmallLoads, model: Model, name: str) -> np.ndarray:
     """Resultants (cells, points) by the load factor."""
     parts = []
     for beam in model.scene.beams:
-        rows = getattr(about.solution.resultants(beam), name)
-        parts.append(about.slope(rows).reshape(beam.elements, -1))
+        rows = getattr(small.solution.resultants(beam), name)
+        parts.append(small.slope(rows).reshape(beam.elements, -1))
     return np.concatenate(parts)
 
 
-def _line_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+def _line_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     """Part (size, size) of lines and ropes: F / l across each straight part of length l."""
     # What holds nodes to the ground has a fixed direction.
     lines, size = [line for line in model.scene.forces_between if not line.to_ground], model.size
     if not lines:
         return scipy.sparse.csr_matrix((size, size))
-    forces = about.slope(about.solution.recorded("line_forces"))
-    positions = model.mesh.X + about.state.q.reshape(-1, 3)[:, :2]
+    forces = small.slope(small.solution.recorded("line_forces"))
+    positions = model.mesh.X + small.state.q.reshape(-1, 3)[:, :2]
     # The degrees of freedom of a fixed point are behind all others, and left out at the end.
     fixed = np.full(2, size)
     dofs, blocks = [], []
@@ -119,9 +117,9 @@ def _line_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     return _assembled(np.array(dofs), np.array(blocks), size + 1)[:size, :size]
 
 
-def _joint_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+def _joint_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     """Part of forces r in joints with arms: d(Tv(y)^T r)/dy by central differences of Tv."""
-    reduction, state = model.reduction, about.state
+    reduction, state = model.reduction, small.state
     independent = reduction.independent
     arms = np.zeros(model.size)
     for joint in model.couplings.arm_joints:
@@ -129,7 +127,7 @@ def _joint_part(about: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
             arms[rotation_of(joint.a)] = 1.0
     if reduction.couplings.is_selection or not arms.any():
         return scipy.sparse.csr_matrix((len(independent),) * 2)
-    r = about.slope(about.forces)
+    r = small.slope(small.forces)
     reduction.begin(state.q, state.slides)
     turning = np.flatnonzero(reduction.maps.moves(arms)[independent])
 

@@ -54,7 +54,7 @@ class PathFollowing:
         # The error of the work is then of second order in the steps.
         self._target = min(_TARGET, 1 / self._options.load_steps)
         #: Cuts since the last step, and the least length of a step behind a corner.
-        self._cuts, self._behind = 0, 0.0
+        self._cuts, self._least_length = 0, 0.0
         #: Distance of a corner in the step that has failed.
         self._corner: float | None = None
 
@@ -106,11 +106,11 @@ class PathFollowing:
         if not self._is_behind_limit_point:
             self._check_way(end, ahead)
         ratio = min(self._target / max(step.turn, 1e-6), _CORRECTIONS / step.corrections)
-        longer = max(ds * min(2.0, max(0.5, ratio)), self._behind)
+        longer = max(ds * min(2.0, max(0.5, ratio)), self._least_length)
         # The load factor changes at most as much as in a load step, also if its slope grows.
         growth = (ahead.load - tangent.load) / ds
         slope = max(abs(ahead.load), abs(ahead.load + growth * longer), 1e-6)
-        self._cuts, self._behind = 0, 0.0
+        self._cuts, self._least_length = 0, 0.0
         return ahead, min(longer, 1 / (steps * slope))
 
     def _step(self, tangent: Tangent, ds: float) -> Advance:
@@ -133,17 +133,17 @@ class PathFollowing:
     def _shorter(self, tangent: Tangent, ds: float, failure: Exception) -> float:
         """Length of a step in place of one that has failed; StepError after all cuts."""
         if isinstance(failure, _TooLong):
-            self._behind = 0.0
+            self._least_length = 0.0
             return failure.length
         assert isinstance(failure, StepFailed)
         if self._cuts == self._options.max_cuts:
             raise self._arc.error(self._states[-1], failure) from failure
         self._cuts, self._stats.halvings = self._cuts + 1, self._stats.halvings + 1
-        if self._corner is not None and not self._behind:
+        if self._corner is not None and not self._least_length:
             # From the corner on a step may be as long as the one that has failed.
-            self._behind = ds
+            self._least_length = ds
             return (1 - MARGIN) * min(ds, self._corner)
-        self._behind = 0.0
+        self._least_length = 0.0
         return ds / 2
 
     def _check_way(self, state: State, ahead: Tangent) -> None:

@@ -148,7 +148,7 @@ class Bracket(NamedTuple):
     growing: float = 0.0
 
 
-def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
+def brackets_of(piece: Piece, first_count: int, last_count: int) -> list[Bracket]:
     """Where the number of modes that grow changes, from its values in the rows before and after."""
     length, low, high, brackets = piece.length, piece.first, piece.length, list[Bracket]()
 
@@ -174,16 +174,16 @@ def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
 
     # A row may lie at a point.
     end_distance = _PLACE * _APART * length
-    if (count := sum(growing(low))) != before:
+    if (count := sum(growing(low))) != first_count:
         if piece.kinked:
-            few, many = sorted((before, count))
+            few, many = sorted((first_count, count))
             brackets.append(Bracket(low, high, 0.0, few, many))
         else:  # and another one just before it
-            near = low - end_distance
-            low = near if sum(growing(near)) == before else low - _BESIDE_STEP * length
-    if abs((ahead := sum(growing(high))) - before) > abs(after - before):
+            earlier = low - end_distance
+            low = earlier if sum(growing(earlier)) == first_count else low - _BESIDE_STEP * length
+    if abs((ahead := sum(growing(high))) - first_count) > abs(last_count - first_count):
         high -= end_distance  # a limit point at its end is one of the next step
-    elif ahead != after and not piece.kinked:
+    elif ahead != last_count and not piece.kinked:
         high += _BESIDE_STEP * length
     places = intervals(low, high, end_distance)
     for place in places:
@@ -213,40 +213,40 @@ def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -
         # Round-off has put the row behind a limit point.
         apart = _APART * piece.length * (1 if piece.flows else -1)  # nothing flows back
         return _extrapolated(piece, measure, low, apart, abs(apart))
-    near, apart = (low + high) / 2, -bracket.apart
-    if piece.flows and near + _STATES * apart < piece.first:
+    guess, apart = (low + high) / 2, -bracket.apart
+    if piece.flows and guess + _STATES * apart < piece.first:
         apart = -apart  # nothing flows back
     if not piece.kinked:
-        return _extrapolated(piece, measure, near, apart, _STATES * abs(apart))
+        return _extrapolated(piece, measure, guess, apart, _STATES * abs(apart))
     ends = [piece.first, piece.length]
     try:
-        return _extrapolated(piece, measure, near, apart, _SMOOTH * (high - low))
+        return _extrapolated(piece, measure, guess, apart, _SMOOTH * (high - low))
     except StepFailed:
-        near = root_between(measure, low, high, _JUMP * piece.length)
+        guess = root_between(measure, low, high, _JUMP * piece.length)
     side = _BESIDE * piece.length
-    low, high = max(near - side, piece.first), min(near + side, piece.length)
+    low, high = max(guess - side, piece.first), min(guess + side, piece.length)
     sizes = [abs(measure(place)) for place in (*ends, low, high)]
     if min(sizes[2:]) > _LARGE * max(sizes[:2]):
-        return _jump(piece, measure, near, low, high)
+        return _jump(piece, measure, guess, low, high)
     apart *= _CLOSE
-    return _extrapolated(piece, measure, near, apart, _STATES * abs(apart))
+    return _extrapolated(piece, measure, guess, apart, _STATES * abs(apart))
 
 
-def end_of(piece: Piece, measure: Callable[[float], float], beyond: float) -> Root | None:
+def end_of(piece: Piece, measure: Callable[[float], float], reach: float) -> Root | None:
     """Where a function of the distance vanishes at the end of a smooth step, or so far beyond it.
 
-    `beyond` is relative to the step; None if it does not.
+    `reach` is relative to the step; None if it does not.
     """
     first, last = (measure(place) for place in (piece.first, piece.length))
     # The line through both values, and what a curve may differ from it.
-    if abs(last) > 2 * (beyond + _PLACE * _APART) * abs(last - first):
+    if abs(last) > 2 * (reach + _PLACE * _APART) * abs(last - first):
         return None
-    apart = -max(_APART, min(beyond, 1.0) / _STATES) * piece.length
+    apart = -max(_APART, min(reach, 1.0) / _STATES) * piece.length
     try:
-        root = _extrapolated(piece, measure, piece.length, apart, (beyond + _APART) * piece.length)
+        root = _extrapolated(piece, measure, piece.length, apart, (reach + _APART) * piece.length)
     except StepFailed:
         return None
-    return root if 0 <= root.place / piece.length - 1 + _SAME_END <= beyond + _SAME_END else None
+    return root if 0 <= root.place / piece.length - 1 + _SAME_END <= reach + _SAME_END else None
 
 
 def _jump(
@@ -265,16 +265,16 @@ def _jump(
 
 
 def _extrapolated(
-    piece: Piece, measure: Callable[[float], float], near: float, apart: float, farthest: float
+    piece: Piece, measure: Callable[[float], float], guess: float, apart: float, farthest: float
 ) -> Root:
     """The root near a distance, extrapolated from states on one side, some length `apart`.
 
     StepFailed if it is farther away than `farthest`.
     """
     # There sorted eigenvalues are smooth, also if several vanish at once.
-    distances = near + apart * np.arange(1, _STATES + 1)
+    distances = guess + apart * np.arange(1, _STATES + 1)
     values = np.array([measure(distance) for distance in distances])
-    scaled = (distances - near) / apart
+    scaled = (distances - guess) / apart
     place = root_near(scaled, values)
     if not abs(place * apart) <= farthest:
         raise StepFailed("critical point", "the eigenvalue has no root", np.zeros(1))
@@ -289,4 +289,4 @@ def _extrapolated(
         K = sum(w * piece.stiffness(d) for w, d in zip(shares, distances, strict=True))
     else:
         K = piece.motions.stiffness(state)
-    return Root(near + place * apart, state, K, kind, rise)
+    return Root(guess + place * apart, state, K, kind, rise)

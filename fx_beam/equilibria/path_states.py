@@ -56,8 +56,7 @@ class PathStates:
     def _raise_load(self, states: list[State], may_settle: bool) -> None:
         """Append the states up to load factor 1.
 
-        A scene of so little stiffness that no step follows a small part of its loads, such as a
-        cable that is not drawn as it hangs, settles like a mechanism.
+        A scene that follows no small part of its loads, as a slack cable, settles as a mechanism.
         """
         slack = False
         while True:

@@ -45,8 +45,8 @@ class SmallLoads:
         self.states, self.forces = self._found_states()
         #: A record of all states, and a solution with them as its rows.
         self.recorder = Recorder(stepper.model, np.arange(len(self.states), dtype=float), Record())
-        for near in self.states:
-            stepper.loop.record(near, self.recorder)
+        for row_state in self.states:
+            stepper.loop.record(row_state, self.recorder)
         rest = Rest(stepper.loop.forcing.time, state.t + np.append(0.0, self.loads))
         self.solution = solution_of(self.recorder, stepper.stats, lambda: state, rest=rest)
 

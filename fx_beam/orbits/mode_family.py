@@ -63,13 +63,13 @@ class ModeFamily:
                 f"{caller}: the scene has loads. Give the equilibrium about which the mode "
                 "vibrates, such as state=fx_beam.static(scene)"
             )
-        about = linearised(scene, state, caller)
-        omega, rigid, vectors = about.undamped_modes.lowest(mode + 1)
+        linear = linearised(scene, state, caller)
+        omega, rigid, vectors = linear.undamped_modes.lowest(mode + 1)
         if mode >= len(omega) or rigid[mode] or omega[mode] <= 0:
             raise SceneError(
                 f"{caller}: mode {mode} does not vibrate: fx_beam.modes(scene) shows which do"
             )
-        moved, columns = about.T @ vectors[:, mode], about.columns @ vectors[:, mode]
+        moved, columns = linear.T @ vectors[:, mode], linear.columns @ vectors[:, mode]
         #: Period of the mode [s] for small amplitudes, and the state at rest.
         self._period = 2 * np.pi / float(omega[mode])
         rest = shooting.first_state(state, self._period / shooting.steps)
@@ -170,9 +170,9 @@ class ModeFamily:
         towards = np.append(rows / first.directions.scale / first.period.size, 0.0)
         for closed in path.follow(first, towards):
             earlier, last = shown.period, closed.period
-            if (beyond := self._end.error(last)) >= 0:
+            if (excess := self._end.error(last)) >= 0:
                 # From `last`, the search may find a larger motion that begins on its way.
-                part = 1 / (1 - beyond / self._end.error(earlier))
+                part = 1 / (1 - excess / self._end.error(earlier))
                 rows = variables.rows_of(last.start) - variables.rows_of(earlier.start)
                 y = part * rows[: shooting.model.couplings.free]
                 start = variables.shifted(earlier.start, y)

@@ -189,25 +189,24 @@ class Path:
         return PeriodicFamily(members, self._free, critical)
 
     def _critical(
-        self, before: Closed, tangent: np.ndarray, step: float, behind: PeriodicMotion
+        self, start: Closed, tangent: np.ndarray, step: float, end: PeriodicMotion
     ) -> PeriodicMotion:
         """The motion of a step at which the largest multiplier comes to the unit circle.
 
-        The first one beyond it where this does not show: of free motions, whose multipliers are on
-        the circle, and where two kinds of instability follow each other.
+        Else that at its end: of free motions, and where two kinds of instability follow each other.
         """
-        stretch = Stretch(lambda part: self._next(before, tangent, part * step)[0], {0.0: before})
+        stretch = Stretch(lambda part: self._next(start, tangent, part * step)[0], {0.0: start})
 
         def beyond(part: float) -> float:
             return float(abs(multipliers_of(stretch.at(part))).max()) - 1
 
         if self._free:
-            return behind
+            return end
         try:
             closed = stretch.at(root_between(beyond, 0.0, 1.0, _PLACE))
         except (NotClosed, StepError, ValueError):  # ValueError: the same sign at both ends
-            return behind
-        kind = behind.instability or instability_of(multipliers_of(before), 0)
+            return end
+        kind = end.instability or instability_of(multipliers_of(start), 0)
         return motion_of(self._shooting, closed, self._free, kind)
 
 

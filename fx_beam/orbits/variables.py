@@ -51,7 +51,7 @@ class Variables:
 
     @property
     def are_rates(self) -> np.ndarray:
-        """Which rows of a state are rates."""
+        """Flags (rows,) of the rows of a state that are rates."""
         rows = np.arange(self.count)
         return (rows >= self.model.reduction.free) & (rows < self.movable)
 

@@ -80,7 +80,7 @@ def _with_auxiliaries(model: Model, force: np.ndarray) -> np.ndarray | None:
 
 
 def have_mass(masses: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Which unknowns (n,) have mass, by their masses and sizes of unit unknowns."""
+    """Flags (n,) of the unknowns that have mass, by their masses and sizes of unit unknowns."""
     sizes = masses * unit**2
     return sizes > _NO_MASS * sizes.max(initial=0.0)
 

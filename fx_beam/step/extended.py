@@ -146,7 +146,7 @@ class Extended:
         return LU(pattern, self.places.dependent, self.places.acts_on)
 
     def negative_eigenvalues(self, factors: LU) -> int:
-        """Their number, of a symmetric T^T A T whose `factors` were made.
+        """Number of negative eigenvalues of a symmetric T^T A T, by its `factors`.
 
         By Sylvester's law of inertia. Each force F adds one to those of the system.
         """
@@ -187,9 +187,9 @@ class Extended:
     @property
     def symmetric(self) -> Extended:
         """The symmetric part of A, with the equations between x, u and d."""
-        across, first = np.arange(self.system.shape[0]), self.places.first
-        across[first], across[first + 1] = first + 1, first
-        matrix, other = self.system, self.system.T.tocsr()[across][:, across]
+        mirrored, first = np.arange(self.system.shape[0]), self.places.first
+        mirrored[first], mirrored[first + 1] = first + 1, first
+        matrix, other = self.system, self.system.T.tocsr()[mirrored][:, mirrored]
         for part in (matrix, other):
             part.sort_indices()
         if all(map(np.array_equal, *((A.indptr, A.indices) for A in (matrix, other)))):

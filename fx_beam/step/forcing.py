@@ -168,13 +168,13 @@ class LoadForcing(Forcing):
         self._origin = np.zeros(len(self.goal))
         #: Natural strains in full, and those from which they go.
         self._full = super().natural(time)
-        self._without: np.ndarray | float = 0.0
+        self._first_natural: np.ndarray | float = 0.0
 
     def start_from(self, state: State, loads: np.ndarray) -> None:
         """Let loads (size,), driven motions and natural strains start from those of a state."""
         self.first[:], self.rise = loads, self.rise - loads
         if state.natural is not None:
-            self._without = state.natural
+            self._first_natural = state.natural
         origin = self.current(state)
         self.goal[self._held] = (origin - self._origin)[self._held]
         self._origin, self.goal = origin, self._origin + self.goal - origin
@@ -183,7 +183,7 @@ class LoadForcing(Forcing):
         """Let all that the state to start from has stay, and the rest act beside it."""
         self.rise = self.rise + self.first
         if self._full is not None:
-            self._full = self._full + self._without
+            self._full = self._full + self._first_natural
         moves = np.ones(len(self.goal), dtype=bool)
         moves[self._held] = False
         self.goal[moves] += self._origin[moves]
@@ -198,5 +198,5 @@ class LoadForcing(Forcing):
 
     def natural(self, t: float) -> np.ndarray | None:
         """Natural strains (cells, degree, 3) at a load factor; None without any."""
-        full, first = self._full, self._without
+        full, first = self._full, self._first_natural
         return None if full is None else first + t * (full - first)

@@ -171,7 +171,7 @@ class LoadLoop(CompiledLoop):
         return self._results[3]
 
     def negative_eigenvalues(self) -> int | None:
-        """Their number, of a symmetric one; None if it is singular.
+        """Number of negative eigenvalues of a symmetric tangent; None if it is singular.
 
         By Sylvester's law of inertia: the pivots have their signs. The next step has its factors.
         """

@@ -197,9 +197,9 @@ def _fit(
 ) -> Fit:
     """Rates that fit at ends or starts of steps, whose `states` are q, v and slides.
 
-    Rates of driven motion that are not known are NaN. Inputs go straight in a step: if the rows are
-    `in_turn`, their rates are those over it. `first` are the rates at step 0, if known.
+    Inputs go straight in a step, over which their rates are if the rows are `successive`.
     """
+    # Rates of driven motion that are not known are NaN; `first` are those at step 0, if known.
     from .fitted_rates import rate_fit
 
     (times, steps), (q, v, slides) = grid, states

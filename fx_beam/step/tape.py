@@ -29,12 +29,12 @@ class Part(NamedTuple):
     end: int
 
     def of_boundaries(self, boundaries: np.ndarray) -> np.ndarray:
-        """Which boundaries are ends of these sub-steps, or the start of the run."""
+        """Indices of the boundaries that are ends of these sub-steps, or the start of the run."""
         bound = self.first if self.first else -1
         return np.flatnonzero((boundaries > bound) & (boundaries <= self.end))
 
     def of_sub_steps(self, sub_steps: np.ndarray) -> np.ndarray:
-        """Which sub-steps are among these."""
+        """Indices of the sub-steps that are among these."""
         return np.flatnonzero((sub_steps >= self.first) & (sub_steps < self.end))
 
 

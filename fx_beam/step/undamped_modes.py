@@ -32,7 +32,7 @@ class Symmetry:
         order = np.argsort(places, kind="stable")
         partner = order[np.searchsorted(places, transposed, sorter=order) % max(1, len(order))]
         # The entry across the diagonal from each: -1 where the pattern has none.
-        self._across = np.where(places[partner] == transposed, partner, -1)
+        self._mirrored = np.where(places[partner] == transposed, partner, -1)
         self._rows, self._columns, self._starts = rows, columns, indptr[:-1]
         self._units = unit[rows] * unit[columns]
         # With nodes that slide on beams entries are differences of others that may be far larger.
@@ -45,7 +45,7 @@ class Symmetry:
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether the matrix with these values is symmetric up to rounding errors."""
-        gaps = abs(values - np.append(values, 0.0)[self._across])
+        gaps = abs(values - np.append(values, 0.0)[self._mirrored])
         if not gaps.any():
             return True
         sizes, gaps = abs(values * self._units), gaps * self._units
