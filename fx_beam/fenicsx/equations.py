@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from petsc4py import PETSc
 
 import numpy as np
@@ -24,20 +22,6 @@ class NoConfigurationError(Exception):
         self.failure = failure
 
 
-class StepMemory(NamedTuple):
-    """Arrays of a step in the memory of C."""
-
-    #: Increments (size,), unknowns (columns,), all forces (size,), and internal ones.
-    D: np.ndarray
-    z: np.ndarray
-    r: np.ndarray
-    f: np.ndarray
-    #: Dead forces (size,) at the level of the step.
-    dead: np.ndarray
-    #: Natural strains at the end, flat.
-    natural: np.ndarray
-
-
 class Equations:
     """Forces r (size,) of a step at unknowns, and their tangent.
 
@@ -48,9 +32,12 @@ class Equations:
         self.assembly, self.loop, self.model = assembly, loop, loop.model
         self._max_turn = max_turn
         n, problem, reduction = loop.model.size, loop.problem, loop.model.reduction
-        D, z, r, f = problem.results(D=n, z=reduction.columns, r=n, f=n)
-        dead, _, natural = problem.given()
-        self.memory = StepMemory(D, z, r, f, dead, natural)
+        #: In C: increments (size,), unknowns (columns,), all forces (size,) and internal ones.
+        self._D, self._z, self._r, self.internal_in_c = problem.results(
+            D=n, z=reduction.columns, r=n, f=n
+        )
+        #: In C: dead forces (size,) at the level of the step, natural strains at its end, flat.
+        self._dead, _, self._natural_in_c = problem.given()
         at_rest = loop.model.scheme.rates.at_rest
         self._inertia = None if at_rest else Inertia(loop, assembly.mass)
         #: All forces (size,), internal ones, and those of added terms, where they were found last.
@@ -77,13 +64,13 @@ class Equations:
         start = self.loop.state.read(self.loop.problem.c.state.t)
         reduction.begin(start.q, start.slides)
         if self._natural is not None:
-            self.memory.natural[:] = self._natural.ravel()
-        natural = self.memory.natural.reshape(strains.shape) if strains else None
+            self._natural_in_c[:] = self._natural.ravel()
+        natural = self._natural_in_c.reshape(strains.shape) if strains else None
         self.assembly.fields.begin(interval, start, natural)
         if self._inertia is not None:
             self._inertia.begin(start, interval.length)
-        self._y = self.memory.z[: reduction.free].copy()
-        self._driven = self.memory.z[reduction.free :][: reduction.driven]
+        self._y = self._z[: reduction.free].copy()
+        self._driven = self._z[reduction.free :][: reduction.driven]
         if np.array_equal(reduction.independent, self.unknowns.independent):
             return False
         self.unknowns = unknowns_of(self.assembly)
@@ -104,12 +91,12 @@ class Equations:
         """
         model = self.model
         self._y[self.unknowns.independent] = y
-        D = self.memory.D[:] = model.reduction.increment(self._y, self._driven)
+        D = self._D[:] = model.reduction.increment(self._y, self._driven)
         if not abs(D[model.mesh.turns]).max() <= self._max_turn:
             constants, closed = self.loop.problem.constants, np.isfinite(D).all()
             raise NoConfigurationError(constants.TURNED_TOO_FAR if closed else constants.OPEN_LOOP)
         self.internal, self._added = self.assembly.residual(D)
-        self.forces = self.internal + self._added - self.memory.dead
+        self.forces = self.internal + self._added - self._dead
         if self._inertia is not None:
             self.forces += self._inertia.force(D)
         model.forms.compiled_points.add_force(D, self.forces)
@@ -130,9 +117,9 @@ class Equations:
     def finish(self, dt: float) -> None:
         """Hand the increment, its forces and the work of added terms over to the engine."""
         model, state = self.model, self.loop.problem.c.state
-        self.memory.z[: model.reduction.free] = self._y
-        self.memory.r[:], self.memory.f[:] = self.forces, self.internal
-        path, _ = model.scheme.rates.work_increment(self.memory.D, model.mesh.turns)
+        self._z[: model.reduction.free] = self._y
+        self._r[:], self.internal_in_c[:] = self.forces, self.internal
+        path, _ = model.scheme.rates.work_increment(self._D, model.mesh.turns)
         state.work -= self._mean_added(state.t, dt) @ path
 
     def _mean_added(self, t: float, dt: float) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from collections.abc import MutableSequence
 
 from petsc4py import PETSc
 
@@ -45,7 +45,7 @@ class Newton:
         self._set_functions()
         equations.loop.find_by(self._find)
 
-    def _find(self, dt: float, iterations: Any) -> int:
+    def _find(self, dt: float, iterations: MutableSequence[int]) -> int:
         """The increment of a sub-step, from the state in the memory of C, and into it."""
         equations = self._equations
         if equations.begin(dt):
@@ -129,7 +129,7 @@ class Newton:
         self._reduced[unknowns.independent] = last_residual
         self._step[unknowns.independent] = change
         self._correction[:] = unknowns.to_nodes(change)
-        self._equations.memory.f[:] = self._equations.internal
+        self._equations.internal_in_c[:] = self._equations.internal
         judge, convergence = self._judge
         if judge(self._c, convergence, iteration, self._shortened):
             return reasons.CONVERGED_SNORM_RELATIVE

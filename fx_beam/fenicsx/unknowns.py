@@ -161,14 +161,6 @@ class JointUnknowns(SharedUnknowns):
 
         K is the tangent of dolfinx, plus `values` in the scene's sparsity, and matrices `added`.
         """
-        product = self._product(values, added, y, driven, r)
-        self.A.setPreallocationCSR(csr_of(self._rows(product)))
-        self.A.assemble()
-
-    def _product(
-        self, values: np.ndarray, added: Matrices, y: np.ndarray, driven: np.ndarray, r: np.ndarray
-    ) -> scipy.sparse.csr_matrix:
-        """Tv^T K T + (dTv/dy)^T r."""
         K = self._assembly.pattern.copy()
         K.data[:] = self._assembly.tangent()
         if self._comm.rank == 0:  # what all have is added once
@@ -179,16 +171,12 @@ class JointUnknowns(SharedUnknowns):
         A = scipy.sparse.csr_matrix(Tv.T @ K @ self._T)
         if self._comm.size > 1:
             A = sum(self._comm.allgather(A))
-        return (A + self._by_turning(y, driven, r)).tocsr() if len(self._moving) else A.tocsr()
-
-    def _by_turning(
-        self, y: np.ndarray, driven: np.ndarray, r: np.ndarray
-    ) -> scipy.sparse.csr_matrix:
-        """(dTv/dy)^T r, and slopes of forces on slides."""
-        model = self._assembly.model
-        steps = _PART * model.units.unknowns[self.independent]
-        project = functools.partial(self.reduced_force, r)
-        return map_slopes(self._reduction, project, y, driven, self._moving, steps)
+        if len(self._moving):  # (dTv/dy)^T r, and slopes of forces on slides
+            steps = _PART * self._assembly.model.units.unknowns[self.independent]
+            project = functools.partial(self.reduced_force, r)
+            A = A + map_slopes(self._reduction, project, y, driven, self._moving, steps)
+        self.A.setPreallocationCSR(csr_of(self._rows(A.tocsr())))
+        self.A.assemble()
 
     def _which_turn(self) -> np.ndarray:
         """Unknowns that turn arms of joints, close loops, move beams with sliders, or slide."""

@@ -146,7 +146,9 @@ def close(
     is none, or StepError.
     """
     search = _Search(shooting, phase, conditions, varies, damping)
-    search.take(shooting.run(start, parameter))
+    period = shooting.run(start, parameter)
+    search.take(period, search.error_of(period))
+    search.best = search.error
     iterations, ended_by = 0, "increment"
     if search.error > search.allowed:
         iterations, ended_by = newton(search.correct, 1.0, most)
@@ -170,12 +172,8 @@ class _Search:
     best: float = np.inf
     idle: int = 0
 
-    def take(self, period: Period) -> None:
-        """Go on from a motion over a period; NotClosed if it comes to rest."""
-        self._take(period, self._error_of(period))
-        self.best = self.error
-
-    def _take(self, period: Period, error: float) -> None:
+    def take(self, period: Period, error: float) -> None:
+        """Go on from a motion over a period, with its error."""
         #: How far the ends of the motion are apart, relative to its size, and what is allowed.
         self.period, self.error = period, error
         self.allowed = max(self.shooting.options.tolerance, _LOST / period.size)
@@ -187,7 +185,8 @@ class _Search:
         conditions = self.conditions if self.phase is None else (self.phase, *self.conditions)
         return np.append(period.gap, [condition.error(period) for condition in conditions])
 
-    def _error_of(self, period: Period) -> float:
+    def error_of(self, period: Period) -> float:
+        """How far the ends of a motion are apart, relative to it; NotClosed if it comes to rest."""
         missing = float(np.linalg.norm(self._missing(period)))
         if not period.moves or not np.isfinite(missing):
             raise NotClosed(
@@ -208,13 +207,13 @@ class _Search:
                 raise NotClosed("the period changes too much")
             start = shooting.variables.moved(period.start, directions, step[:-1])
             new = shooting.run(start, period.parameter * np.exp(step[-1]))
-            error, rest = self._error_of(new), solve(self._missing(new))
+            error, rest = self.error_of(new), solve(self._missing(new))
             # In stiff scenes the gap may grow on the way to a solution, what is left of steps not.
             better = bool(np.linalg.norm(rest) < np.linalg.norm(step))
         except (StepError, NotClosed):
             better = False
         if better:
-            self._take(new, error)
+            self.take(new, error)
             self.damping *= _LESS
         else:
             self.damping = _MORE * max(self.damping, 1e-8)
