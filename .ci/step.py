@@ -28,9 +28,9 @@ def main() -> None:
         seconds[steps].append(time.process_time() - start)
         solvers.add(solution.stats.solver)
     short, long = (min(seconds[steps]) for steps in STEPS)
-    of_a_step = (long - short) / (STEPS[1] - STEPS[0])
-    found = {"solver": ", ".join(solvers), "microseconds": 1e6 * of_a_step}
-    print(json.dumps(machine() | found))
+    seconds_a_step = (long - short) / (STEPS[1] - STEPS[0])
+    measures = {"solver": ", ".join(solvers), "microseconds": 1e6 * seconds_a_step}
+    print(json.dumps(machine() | measures))
 
 
 if __name__ == "__main__":

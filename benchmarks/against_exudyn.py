@@ -160,9 +160,9 @@ def starts(python):
     return {name: round(median(seconds), 2) for name, seconds in times.items()}
 
 
-def best(found, code, bound, count):
+def best(all_runs, code, bound, count):
     """The cheapest runs of a code whose error is below a bound."""
-    good = [run for run in found if run.code == code and run.error < bound]
+    good = [run for run in all_runs if run.code == code and run.error < bound]
     return sorted(good, key=lambda run: median(run.seconds))[:count]
 
 
@@ -170,14 +170,14 @@ def main(python):
     exudyn, codes = Exudyn(python), ("fx_beam", EXUDYN)
     reference = ours(3, 64, SCHEMES["order 4"], 8000)[1]
     coarser = ours(3, 32, SCHEMES["order 4"], 4000)[1]
-    found = list(runs(exudyn))
+    all_runs = list(runs(exudyn))
     for degree, scheme in itertools.product(OURS, SCHEMES.values()):
         ours(degree, 2, scheme, ROWS)  # compiles
-    for run in found:
+    for run in all_runs:
         run.measure(reference)
-    closest = {code: min(run.error for run in found if run.code == code) for code in codes}
+    closest = {code: min(run.error for run in all_runs if run.code == code) for code in codes}
     repeated = [
-        run for bound in BOUNDS for code in codes for run in best(found, code, bound, REPEATED)
+        run for bound in BOUNDS for code in codes for run in best(all_runs, code, bound, REPEATED)
     ]
     for run in repeated:
         run.seconds.clear()
@@ -185,10 +185,10 @@ def main(python):
         run.measure(reference)
 
     again = set(map(id, repeated))
-    found = [run for run in found if id(run) in again]
+    all_runs = [run for run in all_runs if id(run) in again]
     rows = []
     for bound in BOUNDS:
-        fastest = [best(found, code, bound, 1) for code in codes]
+        fastest = [best(all_runs, code, bound, 1) for code in codes]
         times = [1e3 * median(run.seconds) for chosen in fastest for run in chosen]
         rows += [
             {

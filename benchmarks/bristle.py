@@ -73,8 +73,8 @@ def main():
     print("Restitution: steps a contact, least and largest over the places where steps end")
     for e in (0.8, 0.5, 0.2, 0.0):
         for steps in (0.3, 1, 1.6, 3, 6, 10, 15, 30, 60):
-            found = [bounce(e, pi * 1e-3 / steps, part / 20) for part in range(20)]
-            print(f"{e:4} {steps:5} {min(found):6.3f} {max(found):6.3f}")
+            rebounds = [bounce(e, pi * 1e-3 / steps, part / 20) for part in range(20)]
+            print(f"{e:4} {steps:5} {min(rebounds):6.3f} {max(rebounds):6.3f}")
 
 
 def bounce(restitution, dt, part):

@@ -229,10 +229,10 @@ def measure(name, repeats):
 
     make, compute = SCENES[name]
     result = compute(fb, make(fb))
-    found = {"first result [s]": perf_counter() - start, **counts()}
+    numbers = {"first result [s]": perf_counter() - start, **counts()}
     stats = getattr(result, "stats", None)
-    found["unknowns"] = getattr(stats, "unknowns", None)
-    found |= memory(lambda: compute(fb, make(fb)))
+    numbers["unknowns"] = getattr(stats, "unknowns", None)
+    numbers |= memory(lambda: compute(fb, make(fb)))
     around, steps = [], []
     for _ in range(repeats):
         scene, clock = make(fb), perf_counter()
@@ -242,8 +242,8 @@ def measure(name, repeats):
         elements = max(1, sum(beam.elements for beam in scene.beams))
         steps.append(1e9 * seconds / (stats.steps * elements) if seconds else np.nan)
     if repeats:
-        found |= {"around steps [ms]": median(around), "step [ns an element]": median(steps)}
-    print(json.dumps(found))
+        numbers |= {"around steps [ms]": median(around), "step [ns an element]": median(steps)}
+    print(json.dumps(numbers))
 
 
 def counts():

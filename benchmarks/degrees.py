@@ -38,7 +38,7 @@ def measure():
     """Print time per step [us], iterations, halvings and first seconds of each case and scheme."""
     import fx_beam as fb
 
-    found = {}
+    measures = {}
     for case in CASES:
         made = scene(fb, *case)
         for name in SCHEMES:
@@ -47,13 +47,13 @@ def measure():
             first = perf_counter() - clock
             loop = fb.simulate(made, scheme, dt=DT, t_end=STEPS * DT).stats
             time, iterations = 1e6 * loop.seconds / loop.steps, loop.newton_iterations / loop.steps
-            found[f"{case} {name}"] = [time, iterations, loop.halvings, first]
-    print(json.dumps(found))
+            measures[f"{case} {name}"] = [time, iterations, loop.halvings, first]
+    print(json.dumps(measures))
 
 
 def main(runs=5, *others):
     folders = [str(ROOT), *others]
-    found = defaultdict(list)
+    measures = defaultdict(list)
     with tempfile.TemporaryDirectory() as caches:
         for _ in range(runs):
             for number, folder in enumerate(folders):
@@ -62,13 +62,13 @@ def main(runs=5, *others):
                 command = [sys.executable, __file__, "measure"]
                 done = subprocess.run(command, env=variables, check=True, capture_output=True)
                 for name, numbers in json.loads(done.stdout).items():
-                    found[folder, name].append(numbers)
+                    measures[folder, name].append(numbers)
     for folder in folders:
         print(f"\n{folder}\n{'':36}{'step':>8} [us]  iterations  halvings  compiled [s]")
         for case in CASES:
             degree, nodes, curved = case
             for name in SCHEMES:
-                rows = list(zip(*found[folder, f"{case} {name}"], strict=True))
+                rows = list(zip(*measures[folder, f"{case} {name}"], strict=True))
                 time, iterations, halvings, _ = (median(row) for row in rows)
                 what = f"{nodes} {'arc' if curved else 'line'}, degree {degree}, {name}"
                 print(f"{what:36}{time:8.1f}{iterations:17.2f}{halvings:10}", end="")

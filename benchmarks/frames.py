@@ -33,8 +33,8 @@ def struts(cells, high=None, degree=1, elements=1, section=lambda column: SECTIO
     columns, rows = cells + 1, (high or cells) + 1
     number = np.arange(columns * rows).reshape(columns, rows)
     points = np.argwhere(number >= 0)
-    along, across = (number[:-1], number[1:]), (number[:, :-1], number[:, 1:])
-    ends = np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in (along, across)])
+    pairs = (number[:-1], number[1:]), (number[:, :-1], number[:, 1:])
+    ends = np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in pairs])
     sections = {column: section(column) for column in range(columns)}
     scene, tags = fb.Scene(), points[ends[:, 0], 0]
     beams = scene.add_mesh(points, ends, sections, elements, degree, tags=tags)
@@ -116,14 +116,14 @@ def measure(sizes):
 def compare_turning(cells=60, dt=0.01, steps=15):
     """Steps of a free lattice with kept factors, and with new ones in each iteration."""
     for turn in (0.001, 0.05, 0.2):
-        found = []
+        times = []
         for least in (COSTS.least_worth, sys.maxsize):
             tables.COSTS = COSTS._replace(least_worth=least)
             scene = turning(cells, turn / dt)
             record = fb.Record(every=steps)
             stats = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record).stats
-            found.append(f"{1e3 * stats.seconds / stats.steps:.1f}")
-        print(f"{turn:g} rad a step: {found[0]} ms kept, {found[1]} ms new", flush=True)
+            times.append(f"{1e3 * stats.seconds / stats.steps:.1f}")
+        print(f"{turn:g} rad a step: {times[0]} ms kept, {times[1]} ms new", flush=True)
     tables.COSTS = COSTS
 
 
@@ -149,13 +149,13 @@ def compare_storage(runs=5, steps=20, dt=0.01):
         tables.COSTS = COSTS
         stats = fb.simulate(scene, dt=dt, t_end=dt).stats
         chosen = "sparse" if "sparse" in stats.solver else "band"
-        found = {storage: [] for storage in forced}
+        step_times = {storage: [] for storage in forced}
         for storage in [*forced] * runs:
             tables.COSTS = forced[storage]
             seconds.clear()
             fb.simulate(scene, dt=dt, t_end=steps * dt, record=record)
-            found[storage].append(1e3 * sum(seconds) / steps)
-        times = {storage: median(each) for storage, each in found.items()}
+            step_times[storage].append(1e3 * sum(seconds) / steps)
+        times = {storage: median(each) for storage, each in step_times.items()}
         ratio = times[chosen] / min(times.values())
         worst = max(worst, ratio)
         said = ", ".join(f"{storage} {time:.3f} ms" for storage, time in times.items())
@@ -167,16 +167,16 @@ def compare_threads(sizes=(100, 200), runs=3, steps=30, dt=0.01):
     """Real time of a step, and of a load step, by the number of threads, in turns."""
     record = fb.Record(every=steps)
     for cells in sizes:
-        found = {}
+        seconds_by_threads = {}
         for threads in ("1", "2", "4") * runs:
             os.environ["FX_BEAM_THREADS"] = threads
             scene = lattice(cells)
             moving = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record).stats
             resting = fb.static(scene, load_steps=3).stats
-            each = found.setdefault(threads, ([], []))
+            each = seconds_by_threads.setdefault(threads, ([], []))
             for times, stats in zip(each, (moving, resting), strict=True):
                 times.append(1e3 * stats.seconds / stats.steps)
-        for threads, (moving, resting) in found.items():
+        for threads, (moving, resting) in seconds_by_threads.items():
             times = f"a step {min(moving):.0f} ms, a load step {min(resting):.0f} ms"
             print(f"{len(scene.beams)} struts, {threads} threads: {times}", flush=True)
 

@@ -55,8 +55,8 @@ def main(picture=Path("frequency_response.png")):
     state = fb.static(scene)
     load = beam.end, FORCE
     motions = np.array([seen(f, state) for f in SEEN])
-    found = fb.frequency_response(scene, load, beam.end, SEEN, state)
-    differences = abs(found.values - motions).max(axis=1) / abs(motions).max(axis=1)
+    response = fb.frequency_response(scene, load, beam.end, SEEN, state)
+    differences = abs(response.values - motions).max(axis=1) / abs(motions).max(axis=1)
     for f, difference in zip(SEEN, differences, strict=True):
         print(f"{f:5.2f} Hz: difference from the motion {difference:.1e} of the amplitude")
     f = np.geomspace(0.2, 10.0, 400)

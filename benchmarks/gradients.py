@@ -79,9 +79,9 @@ def carried(count, elements):
 
     def build(x):
         scene = fb.Scene(gravity=(0, -9.81))
-        along = {"EI": lambda f: 10.0 * np.interp(f, places, x)}
-        along["rhoA"] = lambda f: np.interp(f, places, x)
-        section = fb.Section(EA=1e4, GA=1e4, rhoI=1e-3, **along)
+        laws = {"EI": lambda f: 10.0 * np.interp(f, places, x)}
+        laws["rhoA"] = lambda f: np.interp(f, places, x)
+        section = fb.Section(EA=1e4, GA=1e4, rhoI=1e-3, **laws)
         first = scene.add_beam([(0, 0), (1, 0)], section, elements=elements)
         second = scene.add_beam([(1.2, 0), (2, 0)], section, elements=elements)
         points = {"left": (1, 0), "right": (1.2, 0)}

@@ -53,13 +53,13 @@ def strip(kind, clamped, length, height, severity, is_weight, bend, angle, units
     L, h = length * metre, height * metre
     section = fb.Section.rectangle(h, width, E, 0.3, rho)
     critical = section.EI * ((2 if clamped else 1) * np.pi / L) ** 2
-    along = np.array([np.cos(angle), np.sin(angle)])
-    across = np.array([-along[1], along[0]])
+    axis = np.array([np.cos(angle), np.sin(angle)])
+    across = np.array([-axis[1], axis[0]])
     side = float(np.sign(bend)) * across
     weighs = is_weight and kind != "spin"
     scene = fb.Scene(gravity=tuple(9.81 * metre * side) if weighs else (0.0, 0.0))
-    start = L * along if kind == "spin" else 0 * along
-    beam = scene.add_beam([start, start + L * along], section, elements, degree=2)
+    start = L * axis if kind == "spin" else 0 * axis
+    beam = scene.add_beam([start, start + L * axis], section, elements, degree=2)
     fixed, moved = (beam.end, beam.start) if kind == "spin" else (beam.start, beam.end)
     (scene.clamp if clamped else scene.pin)(fixed)
     if not weighs:
@@ -72,17 +72,17 @@ def strip(kind, clamped, length, height, severity, is_weight, bend, angle, units
     elif kind == "push":
         if clamped:
             scene.fix(moved, "rotation")
-        shift = -min(2 * strain, 0.2) * L * along
+        shift = -min(2 * strain, 0.2) * L * axis
         scene.prescribe(moved, x=shift[0], y=shift[1])
     else:
         guide = fb.Prismatic if clamped else fb.PinInSlot
-        scene.add_joint(guide(fb.GROUND, moved, axis=tuple(along)))
+        scene.add_joint(guide(fb.GROUND, moved, axis=tuple(axis)))
     if kind == "tendon":
         stiffness = severity * critical / (0.5 * L)
         tendon = fb.Spring(stiffness, rest=0.5 * L)
         scene.add_force_between(beam.start, beam.end, spring=tendon)
     elif kind in ("dead", "follower"):
-        force = tuple(-severity * critical * along)
+        force = tuple(-severity * critical * axis)
         scene.add_force(moved, force, follower=kind == "follower")
     spin = 0.0
     if kind == "spin":  # about the origin, at a distance L from the near end

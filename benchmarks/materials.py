@@ -76,13 +76,13 @@ def step(section, elements, steps):
 
 def main(runs=15):
     for elements, steps in ((8, 1000), (256, 50)):
-        found = {name: [] for name in SECTIONS}
+        step_times = {name: [] for name in SECTIONS}
         for _ in range(runs):
             for name, section in SECTIONS.items():
-                found[name].append(step(section, elements, steps))
+                step_times[name].append(step(section, elements, steps))
         print(f"{elements} elements {'us a step':>14} {'ratio':>7} {'iterations':>11}")
-        elastic = min(found["elastic"])[0]
-        for name, times in found.items():
+        elastic = min(step_times["elastic"])[0]
+        for name, times in step_times.items():
             time, iterations = min(times)
             print(f"{name:16} {time:10.2f} {time / elastic:7.2f} {iterations:11.2f}")
 

@@ -71,11 +71,13 @@ def main(steps=4000, runs=15):
         ("every step recorded", fb.Record(), fb.Record()),
     ):
         motion = fb.Motion(scene, dt=DT, outputs=outputs, record=motion_time)
-        start, found = motion.snapshot(), []
+        start, step_times = motion.snapshot(), []
         for _ in range(runs):
             pair = simulated(scene, steps, simulate_time), stepped(motion, start, steps)
-            found.append([1e6 * pair[0], 1e6 * pair[1], 1e6 * (pair[1] - pair[0])])
-        print(f"{name:34}" + "".join(f"{median(row):10.1f}" for row in zip(*found, strict=True)))
+            step_times.append([1e6 * pair[0], 1e6 * pair[1], 1e6 * (pair[1] - pair[0])])
+        print(
+            f"{name:34}" + "".join(f"{median(row):10.1f}" for row in zip(*step_times, strict=True))
+        )
     motion = fb.Motion(scene, dt=DT, outputs=outputs)
     start, times = motion.snapshot(), []
     for _ in range(1000):
@@ -93,12 +95,12 @@ def main(steps=4000, runs=15):
     ):
         scene, places, forces = bodies(count, motor)
         motions = [fb.Motion(scene, dt=DT, outputs=o) for o in (places, places | forces)]
-        starts, found = [motion.snapshot() for motion in motions], []
+        starts, step_times = [motion.snapshot() for motion in motions], []
         some = max(1, min(steps, 10000 // count))
         for _ in range(runs):
             pairs = zip(motions, starts, strict=True)
-            found.append([1e6 * stepped(*pair, some, process_time) for pair in pairs])
-        few, all_ = map(min, zip(*found, strict=True))
+            step_times.append([1e6 * stepped(*pair, some, process_time) for pair in pairs])
+        few, all_ = map(min, zip(*step_times, strict=True))
         print(f"{name:34}{few:10.1f}{all_:10.1f}{all_ - few:10.1f}")
 
 

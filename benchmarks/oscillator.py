@@ -57,13 +57,14 @@ def main(picture=Path("oscillator.png")):
     radius, period = axes.flat
     for name, (scheme, colour, style) in SCHEMES.items():
         w = np.logspace(-2, 4, 121)
-        found = np.array([eigenvalue(scheme, x) for x in w])
+        eigenvalues = np.array([eigenvalue(scheme, x) for x in w])
         line = {"color": colour, "linestyle": style, "linewidth": 1.2}
-        radius.semilogx(w, abs(found), **line, label=name)
+        radius.semilogx(w, abs(eigenvalues), **line, label=name)
         slow = w < 2.0
-        period.loglog(w[slow], abs(w[slow] / abs(np.angle(found[slow])) - 1), **line)
+        period.loglog(w[slow], abs(w[slow] / abs(np.angle(eigenvalues[slow])) - 1), **line)
         print(
-            f"{name:34} least spectral radius {abs(found).min():.4f}, {abs(found[-1]):.4f} at 1e4"
+            f"{name:34} least spectral radius {abs(eigenvalues).min():.4f}, "
+            f"{abs(eigenvalues[-1]):.4f} at 1e4"
         )
     radius.set(ylabel="spectral radius", ylim=(0, 1.05))
     period.set(ylabel="relative error of the period", ylim=(1e-9, 1))

@@ -56,8 +56,8 @@ def main():
         for elements, runs in RUNS.items():
             scene = arch(elements, follower)
             seconds(scene, **how)  # compiles
-            found = [seconds(scene, **how) for _ in range(runs)]
-            whole, counts, steps = (min(part) for part in zip(*found, strict=True))
+            times = [seconds(scene, **how) for _ in range(runs)]
+            whole, counts, steps = (min(part) for part in zip(*times, strict=True))
             share = counts / (whole - counts)
             print(f"{name:20}{elements:10}{steps:8}{1e3 * whole:14.1f}{share:8.1%}", flush=True)
 

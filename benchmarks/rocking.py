@@ -70,8 +70,8 @@ def main():
     times = {n: rocking(CONTACT / n, exact[-1] + 0.1)[:IMPACTS] for n in STEPS}
     print("impacts on a rigid floor at", *(f"{1e3 * t:.2f}" for t in exact), "ms")
     print(f"a contact lasts {1e3 * CONTACT:.2f} ms; steps in it, impacts later than with most [ms]")
-    for steps, found in times.items():
-        print(f"{steps:4}", *(f"{1e3 * error:8.3f}" for error in found - times[STEPS[-1]]))
+    for steps, impacts in times.items():
+        print(f"{steps:4}", *(f"{1e3 * error:8.3f}" for error in impacts - times[STEPS[-1]]))
     print("and with these later than on a rigid floor", 1e3 * (times[STEPS[-1]] - exact))
 
 

@@ -70,22 +70,22 @@ def measure():
         "one cell, static": (lambda: lattice(fb, 1), lambda made: fb.static(made, load_steps=1)),
         "one cell, modes": (lambda: lattice(fb, 1), fb.modes),
     }
-    found = {}
+    times = {}
     for name, (make, call) in cases.items():
         seconds = []
         for _ in range(1 + CALLS.get(name.split()[0], 10)):
             made, used = make(), process_time()
             call(made)
             seconds.append(process_time() - used)
-            if not found:
-                found[FIRST] = [perf_counter() - STARTED]
-        found[name + " [ms]"] = [1e3 * second for second in seconds[1:]]
-    print(json.dumps(found))
+            if not times:
+                times[FIRST] = [perf_counter() - STARTED]
+        times[name + " [ms]"] = [1e3 * second for second in seconds[1:]]
+    print(json.dumps(times))
 
 
 def main(runs=5, *others):
     folders = [str(ROOT), *others]
-    found = defaultdict(list)
+    times = defaultdict(list)
     with tempfile.TemporaryDirectory() as caches:
         for turn in range(runs + 1):
             for number, folder in enumerate(folders):
@@ -95,10 +95,10 @@ def main(runs=5, *others):
                 done = subprocess.run(command, env=variables, check=True, capture_output=True)
                 if turn:  # the first one fills the cache
                     for name, seconds in json.loads(done.stdout).items():
-                        found[folder, name] += seconds
+                        times[folder, name] += seconds
     print(f"{'':36}" + "".join(f"{Path(folder).name:>12}" for folder in folders))
-    for name in dict.fromkeys(name for _, name in found):
-        print(f"{name:36}" + "".join(f"{median(found[folder, name]):12.2f}" for folder in folders))
+    for name in dict.fromkeys(name for _, name in times):
+        print(f"{name:36}" + "".join(f"{median(times[folder, name]):12.2f}" for folder in folders))
 
 
 if __name__ == "__main__":

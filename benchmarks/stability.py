@@ -362,8 +362,8 @@ def bead(factor=1.0, mass=1.0, passed=0.1):
     scene.add_mass(post.start, mass * length, inertia=0.01 * mass * length)
     scene.add_joint(fb.Slider(rod, post.start))
     scene.set_velocity(rod, lambda x, y: (-0.3 * y, 0.3 * (x - length / 2)), spin=0.3)
-    along = passed * BEAD_LENGTH / BEAD_DT
-    scene.set_velocity(post, lambda x, y: (along - 0.3 * y, 0.3 * (x - length / 2)), spin=0.3)
+    speed = passed * BEAD_LENGTH / BEAD_DT
+    scene.set_velocity(post, lambda x, y: (speed - 0.3 * y, 0.3 * (x - length / 2)), spin=0.3)
     return scene
 
 
@@ -714,7 +714,7 @@ def in_units(name, length, time):
 
 def compare_units():
     """Largest difference of motion and energy between units, by demo and units."""
-    found = {}
+    cases = {}
     for name, t_end in COMPARED.items():
         dt = demo(name).DT if name != "pendulum" else PENDULUM.SMALL
 
@@ -728,17 +728,17 @@ def compare_units():
         places, energy = motion(1.0, 1.0)
         for units, factors in UNITS.items():
             others, other_energy = motion(*factors)
-            found[f"{name}, {units}"] = {
+            cases[f"{name}, {units}"] = {
                 "until [s]": t_end,
                 "largest difference of motion": abs(others - places).max(),
                 "largest difference of energy": abs(other_energy - energy).max()
                 / abs(energy).max(),
             }
-    return found
+    return cases
 
 
-def units_page(found):
-    rows = [{"demo, units": case} | row for case, row in found.items()]
+def units_page(cases):
+    rows = [{"demo, units": case} | row for case, row in cases.items()]
     note = (
         "Largest difference from the motion in the demo's units, by EnergyMomentum: displacements "
         "over the size of the scene, rotations, and energy over the largest.\n\n"

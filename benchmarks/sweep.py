@@ -157,18 +157,18 @@ def held_iterations(number):
 
 def parts(number):
     """Print what a scene of a sweep costs by part, and what lanes could change."""
-    found = {}
+    measures = {}
     for elements in (1, ELEMENTS, 4 * ELEMENTS):
         times_by_part(10, elements)  # compiles
-        found[elements] = times_by_part(number, elements)
-    rows = found[ELEMENTS][:, :-1]
+        measures[elements] = times_by_part(number, elements)
+    rows = measures[ELEMENTS][:, :-1]
     row = "{:36} {:>10} {:>10}".format
     print(f"a scene of {T_END / DT:.0f} steps, processor time [ms], of {number} scenes")
     print(row("", "median", "lowest"))
     names = "build", "set its numbers", "the steps in C", "all else around them"
     for name, times in zip((*names, "all"), (*rows.T, rows.sum(axis=1)), strict=True):
         print(row(name, f"{1e3 * np.median(times):.3f}", f"{1e3 * times.min():.3f}"))
-    single, many, most = (1e6 * (times[:, 2] / times[:, -1]).min() for times in found.values())
+    single, many, most = (1e6 * (times[:, 2] / times[:, -1]).min() for times in measures.values())
     print("an iteration [us]: " + ", ".join(f"{time:.3f}" for time in (single, many, most)))
     other = (many - single) / (ELEMENTS - 1)
     block = (most - many) / 3 - ELEMENTS * other
@@ -197,9 +197,9 @@ def main(number=1000):
         "mpirun, 1 + 2 ranks": lambda: under_mpirun(number, 3),
     }
     for name, run in pools.items():
-        found = run()
-        shown = found["whole"], found["first"], found["rate"], 1e3 * found["call"]
-        print(row(name, *(f"{value:.2f}" for value in (*shown, 1e3 * found["least"]))))
+        measures = run()
+        shown = measures["whole"], measures["first"], measures["rate"], 1e3 * measures["call"]
+        print(row(name, *(f"{value:.2f}" for value in (*shown, 1e3 * measures["least"]))))
 
 
 if __name__ == "__main__":

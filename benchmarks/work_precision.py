@@ -120,8 +120,8 @@ def until(t_end, quantity):
     """A quantity up to a time [s]."""
 
     def first(solution):
-        found = quantity(solution)
-        t, values = found if isinstance(found, tuple) else (solution.t, found)
+        measured = quantity(solution)
+        t, values = measured if isinstance(measured, tuple) else (solution.t, measured)
         return t[t < t_end + 1e-9], values[t < t_end + 1e-9]
 
     return first
@@ -296,13 +296,13 @@ def is_fragile(study, run):
     return any(r.lost and run.dt < r.dt < 2.1 * run.dt for r in same)
 
 
-def cheapest(found):
+def cheapest(studies):
     """Rows of the cheapest run of each example for each error of its path, its first quantity.
 
     The recommended scheme stands for those that cost about the same as it does.
     """
     rows = []
-    for (name, study), level in itertools.product(found.items(), LEVELS):
+    for (name, study), level in itertools.product(studies.items(), LEVELS):
         quantity = next(iter(study.references))
         row = {"example": title(name, study, quantity), "error": short(level)}
         if fastest := study.cheapest(quantity, level):
@@ -335,9 +335,9 @@ def title(name, study, quantity):
     return f"{name.partition('_to_')[0].replace('_', ' ')} to {study.t_end:g} s: {quantity}"
 
 
-def panels_of(found):
+def panels_of(studies):
     """Names of pictures, with what they show: by scheme, and by degree where motions are smooth."""
-    for name, study in found.items():
+    for name, study in studies.items():
         quantities = list(study.references)
         if name == "pendulum":
             quantities = ["tip path", "axial force"]
@@ -345,26 +345,26 @@ def panels_of(found):
             key = name if quantity == quantities[0] else f"{name}_{quantity.replace(' ', '_')}"
             yield key, title(name, study, quantity), study, quantity, lambda run: run.scheme
     for name in "three_bar_swing", "pinned_beam":
-        if name in found:
-            ours = [run for run in found[name].runs if run.name.startswith("EnergyMomentum")]
-            study = dataclasses.replace(found[name], runs=ours)
+        if name in studies:
+            ours = [run for run in studies[name].runs if run.name.startswith("EnergyMomentum")]
+            study = dataclasses.replace(studies[name], runs=ours)
             quantity = next(iter(study.references))
             words = f"{title(name, study, quantity)}, EnergyMomentum of order 2 and 4"
             yield f"{name}_degrees", words, study, quantity, lambda r: f"degree {r.mesh.degree}"
 
 
-def write_overview(results, found):
+def write_overview(results, studies):
     """The page to read first: a table, and a picture and a sentence for each example."""
-    rows = cheapest(found)
+    rows = cheapest(studies)
     write_csv(results / "overview.csv", rows)
     cells = [
         {"example": example} | {f"error {row['error']}": in_words(row) for row in own}
         for example, own in itertools.groupby(rows, lambda row: row["example"])
     ]
-    paths = [(title(n, s, q := next(iter(s.references))), s, q) for n, s in found.items()]
+    paths = [(title(n, s, q := next(iter(s.references))), s, q) for n, s in studies.items()]
     draw_dots(results / "dots.png", [(words.replace(": ", "\n"), *look) for words, *look in paths])
     pictures = {}
-    for key, words, study, quantity, kind in panels_of(found):
+    for key, words, study, quantity, kind in panels_of(studies):
         draw_fronts(results / f"front_{key}.png", [(words, study, quantity)], kind)
         pictures[key] = words
     page = [
@@ -376,7 +376,7 @@ def write_overview(results, found):
         table(cells),
         "![Run time for an error](dots.png)\n",
         *(f"![{words}](front_{key}.png)\n" for key, words in pictures.items()),
-        *(f"- [{name.replace('_', ' ')}]({name}.md)" for name in found),
+        *(f"- [{name.replace('_', ' ')}]({name}.md)" for name in studies),
     ]
     (results / "overview.md").write_text("\n".join(page) + "\n", "utf-8")
     return table(cells), pictures
@@ -404,23 +404,23 @@ def renew_docs(results, cells, pictures):
 def main(quick=False, results=ROOT / "results" / "work_precision", examples=EXAMPLES, docs=False):
     """Results by example; JSON, pages and pictures are written to the directory for results."""
     schemes = {name: SCHEMES[name] for name in (QUICK_SCHEMES if quick else SCHEMES)}
-    found = {}
+    studies = {}
     for example in examples:
         start = perf_counter()
         name = example.__name__
-        found[name] = work_precision.study(
+        studies[name] = work_precision.study(
             functools.partial(scene, name.partition("_to_")[0]),
             schemes=schemes,
             results=results / name,
             **{"repetitions": 1 if quick else 7} | example(quick),
         )
         print(f"== {name}, {perf_counter() - start:.0f} s: {results / name}.md", flush=True)
-        for quantity in found[name].references:
-            print("  ", work_precision.sentence(found[name], quantity))
-    cells, pictures = write_overview(results, found)
+        for quantity in studies[name].references:
+            print("  ", work_precision.sentence(studies[name], quantity))
+    cells, pictures = write_overview(results, studies)
     if docs:
         renew_docs(results, cells, pictures)
-    return found
+    return studies
 
 
 if __name__ == "__main__":

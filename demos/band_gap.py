@@ -123,7 +123,7 @@ def compute():
     before, after = (edges(run, x)[0] / (2 * np.pi) for x in (START, best))
     frequencies = np.linspace(100, 2000, 381)
     curves = {"at first": transmitted(START, frequencies), "best": transmitted(best, frequencies)}
-    near = abs(frequencies / WANTED - 1) < 0.1
+    close = abs(frequencies / WANTED - 1) < 0.1
     numbers = {
         "edges at first": before.tolist(),
         "edges": after.tolist(),
@@ -133,8 +133,8 @@ def compute():
         "lump": best[2],
         "mass of arm and lump over budget": (arm_mass(best)[0] + best[2]) / BUDGET,
         "evaluations": evaluations,
-        "least transmission near at first": float(curves["at first"][near].min()),
-        "largest transmission near": float(curves["best"][near].max()),
+        "least transmission near at first": float(curves["at first"][close].min()),
+        "largest transmission near": float(curves["best"][close].max()),
     }
     return numbers, (frequencies, curves, before, after, best)
 

@@ -141,10 +141,10 @@ def report(numbers):
             f"energy balance {case['energy balance']:.0e}"
         )
     slow = numbers["difference with a slower pull"]
-    along = numbers["largest difference of the tension along the rope, over T2"]
+    difference = numbers["largest difference of the tension along the rope, over T2"]
     print(
         f"With a quarter of the speed T1 differs by {slow:+.1e}\n"
-        f"Tension along the rope: within {along:.1e} T2 of the theory"
+        f"Tension along the rope: within {difference:.1e} T2 of the theory"
     )
 
 
@@ -162,7 +162,7 @@ def draw(results, runs):
 
     thumbnail.animate(pulled, range(len(pulled.t)), results / "thumbnail.gif", fixed=drum)
     figure, axes = plot.figure(1, 2, height=3.4)
-    force, along = axes.flat
+    force, tension_axes = axes.flat
     for n, ((mu, phi), (motion, _, ratio)) in enumerate(runs.items()):
         moved = 1e3 * SPEED * np.maximum(motion.t - RAMP, 0)
         label = rf"$\mu = {mu:g}$, {np.degrees(phi):g}°"
@@ -176,11 +176,11 @@ def draw(results, runs):
     angle, pulls = along_rope(motion, rope, phi, rows)
     fine = np.linspace(0, phi, 400)
     for row, values in zip(rows, pulls, strict=True):
-        along.plot(np.degrees(angle), values, ".", color="#0072B2", markersize=4)
-        along.plot(np.degrees(fine), tension(fine, ratio[row], mu, phi), "k-", lw=0.8)
-    along.plot([], [], ".", color="#0072B2", label="computed")
-    along.plot([], [], "k-", lw=0.8, label="theory")
-    along.set(xlabel="angle from the left end [degrees]", ylabel="tension over $T_2$")
+        tension_axes.plot(np.degrees(angle), values, ".", color="#0072B2", markersize=4)
+        tension_axes.plot(np.degrees(fine), tension(fine, ratio[row], mu, phi), "k-", lw=0.8)
+    tension_axes.plot([], [], ".", color="#0072B2", label="computed")
+    tension_axes.plot([], [], "k-", lw=0.8, label="theory")
+    tension_axes.set(xlabel="angle from the left end [degrees]", ylabel="tension over $T_2$")
     plot.save(figure, results / "pull_and_tension.png")
 
 

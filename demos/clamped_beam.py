@@ -233,8 +233,8 @@ def draw(results, beam, linear, first, tongue, third):
     thumbnail.animate(largest, rows, path, tall=8.0)
     figure, ((curve, zoom), (shapes, changes)) = plot.figure(2, 2, height=2.9)
     for axes in (curve, zoom):
-        along = np.linspace(0, 1.05 * LARGEST, 200)
-        axes.plot(frequency_of(along), along, "k--", lw=1, label="single mode")
+        amplitudes = np.linspace(0, 1.05 * LARGEST, 200)
+        axes.plot(frequency_of(amplitudes), amplitudes, "k--", lw=1, label="single mode")
         for family, color, label, unit in (
             (first, "#0072B2", "first mode", 1),
             (tongue, "#D55E00", "with short steps", 1),

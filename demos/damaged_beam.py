@@ -182,14 +182,14 @@ def draw(results, angles, moments, pulled):
     from shared import thumbnail
 
     figure, axes = plot.figure(2, 1, height=2.6)
-    end_axes, along = axes.flat
+    end_axes, damage_axes = axes.flat
     end_axes.plot(angles, closed_form(angles), "k-", linewidth=0.8, label="closed form")
     end_axes.plot(angles, moments, "C0o", fillstyle="none", label="dolfinx")
     end_axes.set(xlabel="angle of the end [rad]", ylabel="moment [N m]")
     for number, (elements, (_, _, D, _)) in enumerate(pulled.items(), start=1):
         s = (np.arange(elements) + 0.5) * LENGTH / elements
-        along.step(s, D[-1], f"C{number}", where="mid", label=f"{elements} elements")
-    along.set(xlabel="place $s$ [m]", ylabel="damage $D$, strip pulled")
+        damage_axes.step(s, D[-1], f"C{number}", where="mid", label=f"{elements} elements")
+    damage_axes.set(xlabel="place $s$ [m]", ylabel="damage $D$, strip pulled")
     plot.save(figure, results / "damage.png")
     scene, _ = strip(MESHES[1], turned=True)
     shown = fb.static(scene, load_steps=40)

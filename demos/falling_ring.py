@@ -98,12 +98,12 @@ def audit(solution, floors):
     energy, fall = solution.energy, MASS * GRAVITY * HEIGHT
     left = bounces(solution, floors)
     tops = [height(solution)[a:b].max() for a, b in zip(left[:-1], left[1:], strict=True)]
-    along = solution.linear_momentum[:, 0]
-    mass = along[0] / VELOCITY  # of the mesh
+    momentum = solution.linear_momentum[:, 0]
+    mass = momentum[0] / VELOCITY  # of the mesh
     impulse = pushed(solution, floors).sum() * DT - mass * GRAVITY * T_END
     return {
         "energy drift": abs(energy.balance_error).max() / fall,
-        "momentum along the plane": np.ptp(along) / along[0],
+        "momentum along the plane": np.ptp(momentum) / momentum[0],
         "impulse minus momentum": impulse - solution.linear_momentum[-1, 1],
         "bounces": len(left),
         "heights of the first bounces / fall": [(top - RADIUS) / HEIGHT for top in tops[:2]],

@@ -114,8 +114,8 @@ def needed(motion, grips):
     """Tangential over normal force of both fingers, over time; zero on the table."""
     parts = [motion.contact(grip) for grip in grips]
     normal = sum(part.normal.sum(axis=1) for part in parts)
-    along = sum(abs(part.tangential.sum(axis=1)) for part in parts)
-    ratio = np.divide(along, normal, where=normal > 0, out=np.zeros_like(normal))
+    rubbing = sum(abs(part.tangential.sum(axis=1)) for part in parts)
+    ratio = np.divide(rubbing, normal, where=normal > 0, out=np.zeros_like(normal))
     return np.where(motion.t >= LIFT[0], ratio, 0.0), normal / 2
 
 

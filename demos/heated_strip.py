@@ -78,14 +78,14 @@ class Heat:
 
     def __init__(self, mesh, dt, u=None):
         space = getattr(fem, "functionspace", fem.FunctionSpace)(mesh, ("Lagrange", 1))
-        self.T, self._before = (fem.Function(space, name=name) for name in ("T", "before"))
+        self.T, self._last = (fem.Function(space, name=name) for name in ("T", "before"))
         T, S, x = ufl.TrialFunction(space), ufl.TestFunction(space), ufl.SpatialCoordinate(mesh)
         far = 0.0 if u is None else ufl.exp((x[1] + u[1] - REACH) / FADING)
         source = SOURCE / (1 + far) + 0 * x[0]
         loss = 2 * FILM / THICK
         a = (CAPACITY / dt + loss) * T * S * ufl.dx
         a += CONDUCTIVITY * ufl.dot(ufl.grad(T), ufl.grad(S)) * ufl.dx
-        b = (CAPACITY / dt * self._before + source) * S * ufl.dx
+        b = (CAPACITY / dt * self._last + source) * S * ufl.dx
         end_dofs = fem.locate_dofs_geometrical(
             space, lambda x: np.isclose(x[0], 0.0) | np.isclose(x[0], SPAN)
         )
@@ -98,7 +98,7 @@ class Heat:
     def advance(self):
         """Take a step."""
         self._problem.solve()
-        self._before.x.array[:] = self.T.x.array
+        self._last.x.array[:] = self.T.x.array
 
 
 def by_heat(T):

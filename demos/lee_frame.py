@@ -84,8 +84,8 @@ def _along(start, n, direction, length):
 
     def slope(_, y):
         c, s = math.cos(direction + y[2]), math.sin(direction + y[2])
-        along, across = 1 + (nx * c + ny * s) / SECTION.EA, (ny * c - nx * s) / SECTION.GA
-        dx, dy = along * c - across * s, along * s + across * c
+        stretch, across = 1 + (nx * c + ny * s) / SECTION.EA, (ny * c - nx * s) / SECTION.GA
+        dx, dy = stretch * c - across * s, stretch * s + across * c
         return dx, dy, y[3] / SECTION.EI, dy * nx - dx * ny
 
     options = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-9}

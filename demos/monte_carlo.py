@@ -101,10 +101,10 @@ def compute(samples=SAMPLES, executor=None):
     # One sweep: the first of its cases compiles the forms, the others follow on all workers.
     moments = column(fb.sweep(peak, [*around, *sampled(samples)], executor), "moment")
     seconds = perf_counter() - clock
-    (nominal, *near), scattered = np.split(moments, [len(around)])
+    (nominal, *neighbours), scattered = np.split(moments, [len(around)])
     effects = {
         name: (after - before) / 2
-        for name, before, after in zip(NOMINAL, near[::2], near[1::2], strict=True)
+        for name, before, after in zip(NOMINAL, neighbours[::2], neighbours[1::2], strict=True)
     }
     numbers = {
         "samples": samples,

@@ -97,15 +97,15 @@ def scene(elements=ELEMENTS, degree=1):
         system.add_beam(ends, SECTION, **mesh, name=f"member {number}")
         for number, ends in enumerate([(RIGHT, A), (A, B), (B, MIDDLE), (LEFT, MIDDLE)], 1)
     ]
-    one, two, three, four = members
-    system.pin(one.start)
-    system.pin(four.start)
+    first, second, third, fourth = members
+    system.pin(first.start)
+    system.pin(fourth.start)
     joints = {
-        "A": system.add_joint(fb.Revolute(one.end, two.start)),
-        "B": system.add_joint(fb.Revolute(two.end, three.start)),
-        "slide": system.add_joint(fb.Prismatic(four.end, three.end, axis=(0, 1))),
+        "A": system.add_joint(fb.Revolute(first.end, second.start)),
+        "B": system.add_joint(fb.Revolute(second.end, third.start)),
+        "slide": system.add_joint(fb.Prismatic(fourth.end, third.end, axis=(0, 1))),
     }
-    system.add_moment(one.start, lambda t: np.interp(t, *PULSE))
+    system.add_moment(first.start, lambda t: np.interp(t, *PULSE))
     return system, joints
 
 

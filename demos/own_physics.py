@@ -200,9 +200,9 @@ def scenery(ax, nozzle):
     oil = ax.axhspan(low, 0, color="#E69F00", alpha=0.15, linewidth=0, zorder=0)
     x = np.linspace(left, right, 121)
     springs = -BED_DEPTH - 0.02 * (1 + np.arange(len(x)) % 2)
-    tip, along = nozzle[-1], nozzle[-1] - nozzle[0]
+    tip, direction = nozzle[-1], nozzle[-1] - nozzle[0]
     look = {"arrowstyle": "-|>", "color": "#D55E00", "linewidth": 2, "shrinkA": 0, "shrinkB": 0}
-    jet = ax.annotate("", tip + 1.2 * along, tip, arrowprops=look, annotation_clip=False)
+    jet = ax.annotate("", tip + 1.2 * direction, tip, arrowprops=look, annotation_clip=False)
     return [oil, *ax.plot(x, springs, color="0.6", linewidth=0.8, zorder=0), jet]
 
 

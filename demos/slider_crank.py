@@ -191,10 +191,10 @@ def compute(steps=STEPS):
 
 
 def report(numbers):
-    near = numbers["nearly rigid"]
+    stiff = numbers["nearly rigid"]
     print(
         f"With {STIFFENED:g} times the stiffness the differences from the rigid mechanism are at "
-        f"most\n{near['slider']:.1e} m for the slider and {near['motor moment']:.1e} of the "
+        f"most\n{stiff['slider']:.1e} m for the slider and {stiff['motor moment']:.1e} of the "
         "largest motor moment\n"
         "Largest motor moment of the rigid mechanism "
         f"{numbers['largest motor moment of the rigid mechanism']:.2f} N m\n"

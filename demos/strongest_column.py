@@ -115,8 +115,8 @@ def draw(results, shapes):
 
     def outline(k):
         line = path.shape(scene.beams[0])[k]
-        along = np.gradient(line, axis=0)
-        normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        tangent = np.gradient(line, axis=0)
+        normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
         normal *= 0.05 / np.hypot(*normal.T)[:, None]
         half = np.sqrt(np.interp(np.linspace(0, 1, len(line)), places, areas))[:, None] * normal
         return [Polygon(np.concatenate([line + half, (line - half)[::-1]]), color="#0072B2")]

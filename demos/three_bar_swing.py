@@ -160,8 +160,8 @@ def reversal(solution):
 def audit(solution):
     """Numbers by which a run is assessed."""
     after, ratio = energy_ratio(solution)
-    along = solution.resultants("beam").N
-    force = along.max(axis=1)
+    axial_forces = solution.resultants("beam").N
+    force = axial_forces.max(axis=1)
     peak = force.argmax()
     return {
         "steps": solution.stats.steps,

@@ -218,10 +218,10 @@ def report(numbers):
             f"{own['smoothed']:15.2f}"
         )
     own = numbers["gradient"]
-    motion, one = own["seconds of one motion"], own["seconds of one"]
+    motion, seconds_of_gradient = own["seconds of one motion"], own["seconds of one"]
     print(
         f"{own['evaluations']} motions with gradients in {own['seconds of all']:.1f} s. "
-        f"One takes {1e3 * one:.0f} ms, a motion {1e3 * motion:.1f} ms:\n"
+        f"One takes {1e3 * seconds_of_gradient:.0f} ms, a motion {1e3 * motion:.1f} ms:\n"
         f"differences of {ELEMENTS + 1} motions would take {1e3 * (ELEMENTS + 1) * motion:.0f} ms, "
         f"central ones of {2 * ELEMENTS} {2e3 * ELEMENTS * motion:.0f} ms.\n"
         f"The gradient differs from central ones by {own['error by differences']:.1e} of its "

@@ -14,8 +14,10 @@ from fx_beam.laws.schemes import Scheme
 def labelled(schemes: Any) -> dict[str, Scheme]:
     """Schemes of a dict by label, those of a sequence by their names."""
     named = isinstance(schemes, Mapping)
-    given = several("schemes", list(schemes.items()) if named else schemes)
-    pairs = given if named else [(getattr(scheme, "name", ""), scheme) for scheme in given]
+    candidates = several("schemes", list(schemes.items()) if named else schemes)
+    pairs = (
+        candidates if named else [(getattr(scheme, "name", ""), scheme) for scheme in candidates]
+    )
     for label, scheme in pairs:
         if not isinstance(scheme, Scheme):
             what = f"unknown scheme {scheme!r}; give one such as fx_beam.Newmark(), with brackets"
@@ -25,19 +27,19 @@ def labelled(schemes: Any) -> dict[str, Scheme]:
     return dict(pairs)
 
 
-def entries_of(kind: type, given) -> list[Any]:
+def entries_of(kind: type, items) -> list[Any]:
     """Cases or cells of a study of stability; SceneError for what is none."""
-    entries = list(given) if isinstance(given, Iterable) else [given]
+    entries = list(items) if isinstance(items, Iterable) else [items]
     if wrong := [entry for entry in entries if not isinstance(entry, kind)]:
         raise SceneError(f"{wrong[0]!r} is no fx_beam_studies.stability.{kind.__name__}")
     return entries
 
 
-def several(name: str, given) -> list[Any]:
+def several(name: str, values) -> list[Any]:
     """The entries of a sequence that is not empty and has no entry twice."""
-    if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray):
-        raise SceneError(f"{name} must be a sequence, as [...], not {given!r:.60}")
-    entries = given.tolist() if isinstance(given, np.ndarray) else list(given)
+    if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
+        raise SceneError(f"{name} must be a sequence, as [...], not {values!r:.60}")
+    entries = values.tolist() if isinstance(values, np.ndarray) else list(values)
     if not entries:
         raise SceneError(f"a study needs {name}; none are given")
     if twice := [entry for entry in entries if entries.count(entry) > 1]:
