@@ -88,3 +88,33 @@ def assert_left_of_second_order(run, x, odd_part=1e-6):
     even = abs(np.add(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
     assert even[0] / even[1] == pytest.approx(4.0, rel=0.05)
     return values, J
+
+
+def differences(function, x, part=1e-4):
+    """Central differences (..., m) of fourth order."""
+    columns = []
+    for unit, h in zip(np.eye(len(x)), part * np.maximum(abs(x), 0.1), strict=True):
+        columns.append(difference(lambda step, u=unit: function(x + step * u), h))
+    return np.moveaxis(np.array(columns), 0, -1)
+
+
+def assert_orbit_slopes(run, x, tolerance, multipliers=True, part=1e-4):
+    """Of a motion that repeats itself and its multipliers, by differences of other searches."""
+    x = np.array(x, float)
+    _, y = run(x)
+    slopes, sizes = run.jacobian(), dict.fromkeys(y, tolerance)
+    if multipliers:
+        slopes["multipliers"], sizes["multipliers"] = run.multipliers()[1], 1e-6
+
+    def rows(x):
+        """All that a search gives, in one row."""
+        values = run(x)[1]
+        if multipliers:
+            values = values | {"multipliers": run.multipliers()[0]}
+        return np.concatenate([np.ravel(values[name]) for name in slopes])
+
+    lengths = [slope.size // len(x) for slope in slopes.values()]
+    parts = np.split(differences(rows, x, part), np.cumsum(lengths)[:-1])
+    for (name, slope), by_x in zip(slopes.items(), parts, strict=True):
+        most = sizes[name] * abs(by_x).max() + 1e-8
+        assert slope.reshape(by_x.shape) == pytest.approx(by_x, abs=most), name

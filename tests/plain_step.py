@@ -209,13 +209,13 @@ class PlainStep:
         return abs(gaps).max(initial=0.0), abs(r - columns @ multipliers).max() / (size or 1.0)
 
 
-def assert_balanced(scene, scheme=None, *, dt, t_end, newton=None, least=1e-10):
+def assert_balanced(scene, scheme=None, *, dt, t_end, least=1e-10):
     """Each step of a motion opens no joint, and leaves no force above `least` of the largest one.
 
     Its scheme has no sub-steps.
     """
     scheme = scheme or fb.EnergyMomentum()
-    prepared = Prepared(scene, Options(scheme=scheme, newton=newton, max_halvings=0))
+    prepared = Prepared(scene, Options(scheme=scheme, max_halvings=0))
     state, times = prepared.first_state(dt, None), dt * np.arange(round(t_end / dt) + 1)
     for number, to in enumerate(times[1:]):
         ends, interval = np.array([to]), Interval(state.t, float(to))

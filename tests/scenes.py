@@ -196,6 +196,23 @@ def plastic_flow(old, strains0, strains, dt):
     return [old[0] + ufl.sign(trial) * excess / (EI + HARDENING)]
 
 
+def forces_of_flow(strains, stiffness, hardening, limit, kinematic=True):
+    """Forces along a path of strains, from the corners of the yield surface."""
+    force, centre, before, forces = 0.0, 0.0, 0.0, []
+    for x in strains:
+        trial = force + stiffness * (x - before)
+        excess = max(abs(trial - centre) - limit, 0.0) / (stiffness + hardening)
+        direction = np.sign(trial - centre)
+        force = trial - stiffness * direction * excess
+        if kinematic:
+            centre += hardening * direction * excess
+        else:
+            limit += hardening * excess
+        before = x
+        forces.append(force)
+    return np.array(forces)
+
+
 def with_variables(energy, update, names=("a",), **data):
     """A section with internal variables."""
     return fb.Section(strain_energy=energy, internal=fb.InternalVariables(names, update), **data)

@@ -31,12 +31,6 @@ def coordinate(solution, joint):
     return angle(solution, joint) if joint.axis is None else solution.joint(joint).slide
 
 
-def frequency(t, x):
-    """Angular frequency of a harmonic about zero, from its own three-term recurrence."""
-    c = x[1:-1] @ (x[2:] + x[:-2]) / (2 * x[1:-1] @ x[1:-1])
-    return np.arccos(c) / (t[1] - t[0])
-
-
 # -- One degree of freedom -----------------------------------------------------------------------
 
 
@@ -49,18 +43,6 @@ def slider(rest=0.0, damper=None, velocity=0.0):
     )
     scene.set_velocity(block, (0.6 * velocity, 0.8 * velocity))
     return scene, joint
-
-
-@pytest.mark.parametrize("dt", [0.01, 0.1, 0.3])
-def test_a_sprung_slider_has_the_frequency_of_the_mid_point_rule(dt):
-    scene, joint = slider(velocity=2.0)
-    solution = fb.simulate(scene, dt=dt, t_end=100 * dt)
-    exact = 2 / dt * np.arctan(5.0 * dt / 2)  # sqrt(50 / 2) = 5
-    slide = solution.joint(joint).slide
-    assert frequency(solution.t, slide) == pytest.approx(exact, rel=1e-7)
-    amplitude = 2.0 / 5.0
-    assert slide == pytest.approx(amplitude * np.sin(exact * solution.t), abs=1e-6)
-    assert drift(solution.energy.total) < 1e-11
 
 
 def test_springs_and_dampers_accelerate_at_the_start():
@@ -172,23 +154,6 @@ def test_the_motors_power_adds_up_to_the_work_and_to_the_energy_gained(scheme, o
     np.testing.assert_allclose(work, gained, atol=2e-3 * abs(gained).max())
     with pytest.raises(ValueError, match="has no motor"):
         solution.joint(slide).motor_power  # noqa: B018
-
-
-def test_the_power_of_a_motor_is_known_in_the_rows_since_a_return():
-    scene, bar = one_bar((1, 0), BAR, elements=2)
-    joint = scene.add_joint(fb.Prismatic(fb.GROUND, bar.start, (1, 0), motor=fb.Input("x")))
-    motion = fb.Motion(scene, dt=1e-3, record=fb.Record())
-    speed_up = lambda t, y: {"x": 0.1 * (t + 1e-3) ** 2}  # noqa: E731
-    motion.run(0.05, speed_up)
-    snapshot = motion.snapshot()
-    motion.run(0.1, speed_up)
-    whole = motion.solution().joint(joint).motor_power
-    motion.restore(snapshot)
-    motion.run(0.1, speed_up)
-    solution = motion.solution()
-    assert len(solution.t) == 51 == solution.stats.steps + 1
-    power = solution.joint(joint).motor_power
-    np.testing.assert_allclose(power[1:], whole[51:], atol=1e-9 * abs(whole).max())
 
 
 def test_the_power_of_a_motor_on_a_slide_is_exact_and_without_its_spring(tmp_path):

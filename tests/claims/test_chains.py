@@ -98,15 +98,6 @@ def test_a_long_chain_moves_as_lagrange_says():
     assert abs(found.energy.balance_error).max() < 1e-11 * MASS * n * GRAVITY * LENGTH
 
 
-def test_joints_of_a_hanging_chain_carry_the_weight_below():
-    scene, _ = chain(30, along=(0.0, -1.0))
-    solution = fb.simulate(scene, dt=0.01, t_end=0.05)
-    hinges = [joint for joint in scene.joints if joint.kind == "Revolute"]
-    for below, joint in enumerate(reversed(hinges), start=1):
-        force, weight = solution.joint(joint).force, below * MASS * GRAVITY
-        assert force[1:] == pytest.approx(np.tile([0, weight, 0], (5, 1)), abs=1e-9)
-
-
 def four_bars(n):
     """Mechanisms of three links and the ground, beside each other."""
     scene = fb.Scene(gravity=(0, -GRAVITY))
@@ -232,18 +223,6 @@ def test_a_long_driven_chain_hangs_with_its_centre_below_the_pin(continuation):
     centres[:, :2] += [(body.centre.x, body.centre.y) for body in scene.bodies]
     assert np.diff(centres[:, 2]) == pytest.approx(0.1, abs=1e-12)
     assert abs(centres[:, 0].mean()) < 1e-9 and centres[:, 1].mean() < -0.3
-
-
-def test_a_long_chain_of_springs_has_the_frequencies_of_lagrange():
-    scene, _ = spring_chain(21)
-    n = 20
-    i = np.arange(n)
-    coupled = MASS * LENGTH**2 * (n - np.maximum.outer(i, i) - 0.5)
-    np.fill_diagonal(coupled, MASS * LENGTH**2 * (n - i - 0.75) + 1e-3)
-    apart = np.eye(n) - np.eye(n, k=-1)
-    expected = scipy.linalg.eigh(40.0 * apart.T @ apart, coupled, eigvals_only=True) ** 0.5
-    found = fb.modes(scene, n=5).angular_frequencies
-    assert found == pytest.approx(expected[:5], rel=1e-8)
 
 
 @pytest.mark.parametrize("n", [8, 9, 12, 13, 16, 19])

@@ -125,11 +125,6 @@ def test_the_memory_of_a_gradient_is_bounded():
     assert same == gradient
 
 
-def test_a_memory_that_is_no_number_is_refused():
-    with pytest.raises(fb.SceneError, match="Response: memory = 0 must be a positive number"):
-        fb.Response(lambda x: x, dt=0.1, t_end=1.0, memory=0)
-
-
 def test_a_jacobian_needs_no_memory_for_states_that_no_output_reads():
     def build(x):
         section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)

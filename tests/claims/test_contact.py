@@ -278,12 +278,6 @@ def test_a_hertzian_contact_has_the_depth_and_the_duration_of_the_closed_form():
     assert np.ptp(solution.energy.total) < 1e-12
 
 
-def test_a_contact_law_of_a_user_is_the_built_in_one_if_it_is_quadratic():
-    laws = {"k": None, "energy": lambda d: 1e6 / 2 * d**2}, {"k": 1e6}
-    own, linear = (thrown_at(1e-3, **law)[1] for law in laws)
-    assert own == pytest.approx(linear, abs=1e-14)
-
-
 @pytest.mark.parametrize("mu", [0.0, 0.4])
 def test_a_contact_law_of_a_user_serves_members_also_in_a_response(mu):
     """Each scene has a function of its own."""
@@ -490,14 +484,6 @@ def test_a_closed_contact_with_a_loss_damps_small_motions():
     scene, node, _ = ball(height=0.0, k=k, e=e, speed=w)
     modes = fb.modes(scene, state=fb.static(scene, load_steps=1), n=1)
     assert modes.damping_ratios[0] == pytest.approx(r * 10.0 / w / (2 * math.sqrt(k)), rel=1e-4)
-
-
-def test_a_moment_turns_a_hinge_a_little_beyond_its_stop():
-    scene, joint = hinged_arm((None, 0.2, 1e3))
-    motion = fb.static(scene, load_steps=2).joint(joint)
-    # 1 N m/rad from the start, 1000 N m/rad from the limit.
-    assert motion.angle[-1] == pytest.approx((5.0 + 1e3 * 0.2) / 1001, rel=1e-9)
-    assert motion.force[-1, 2] == pytest.approx(-5.0)
 
 
 def test_a_pendulum_hangs_on_the_stop_that_it_meets_first():

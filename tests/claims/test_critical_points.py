@@ -7,8 +7,7 @@ import ufl
 
 import numpy as np
 import pytest
-import scipy.optimize
-from scenes import assert_refused, clamped_bar, hinged_body, pinned_bar, supported_bar
+from scenes import assert_refused, hinged_body, pinned_bar, supported_bar
 
 import fx_beam as fb
 
@@ -75,20 +74,6 @@ def force_on_truss(y, height):
     return 2e3 * (length - now) / length * y / now
 
 
-def test_limit_points_of_a_truss_are_exact():
-    path = fb.static(truss(0.2, 20.0), load_steps=10, continuation="arc-length")
-    first, second = path.critical_points
-    top = scipy.optimize.minimize_scalar(
-        lambda y: -force_on_truss(y, 0.2), bounds=(0, 0.2), options={"xatol": 1e-9}
-    )
-    exact = -top.fun / 20
-    assert [first.kind, second.kind] == ["limit point"] * 2
-    assert [first.load_factor, second.load_factor] == pytest.approx([exact, -exact], rel=1e-8)
-    assert path.stats.limit_points == pytest.approx([exact, -exact], rel=1e-8)
-    rows = [abs(path.load_factor[point.row]) <= exact * (1 + 1e-9) for point in (first, second)]
-    assert all(rows)
-
-
 def test_a_toggle_on_a_sprung_slide_snaps_at_its_limit_points():
     """Two rigid bars of 1 m: no force at a node depends on the motion, only that of the slide."""
     height, stiffness = 0.28, 1000.0  # span 0.96 m each
@@ -142,32 +127,6 @@ def test_a_bifurcation_in_the_step_to_a_limit_point_is_located(wall, steps):
     assert [point.kind for point in points] == ["bifurcation", "limit point"]
     assert points[1].load_factor == pytest.approx(limit.load_factor, rel=1e-7)
     assert 0.998 < points[0].load_factor / limit.load_factor < 0.9999
-
-
-def test_columns_that_differ_and_buckle_at_once_are_one_point():
-    """The eigenvalues cross each other where they vanish."""
-    scene = fb.Scene()
-    for x, factor in ((0, 1.0), (1, 4.0)):
-        section = fb.Section(EA=1e4 * factor, GA=4e3 * factor, EI=factor)
-        beam = scene.add_beam([(x, 0), (x, 1)], section, 4, 2)
-        scene.pin(beam.start)
-        scene.fix(beam.end, "x")
-        scene.add_force(beam.end, (0, -14.0 * factor))
-    (point,) = fb.static(scene, load_steps=4).critical_points
-    alone = fb.static(column(14.0, 4, 2, np.pi)[0], load_steps=4).critical_points[0]
-    assert len(point.modes) == 2
-    across = point.modes.shapes[:, [beam.node(0.5).number for beam in scene.beams], 0]
-    assert abs(np.linalg.det(across / abs(across).max())) > 0.1  # one mode for each column
-    assert point.load_factor == pytest.approx(alone.load_factor, rel=1e-8)
-
-
-def test_becks_column_flutters_at_its_load():
-    scene, beam = clamped_bar((0, 1), fb.Section(EA=1e8, GA=1e8, EI=EI, rhoA=1.0, rhoI=1e-9), 8, 3)
-    scene.add_force(beam.end, (0, -22.0), follower=True)
-    (point,) = fb.static(scene, load_steps=11).critical_points
-    assert point.kind == "flutter"
-    assert 22 * point.load_factor == pytest.approx(20.05095, rel=2e-6)
-    assert point.modes.angular_frequencies[0] == pytest.approx(11.0157, rel=1e-4)
 
 
 # -- Where steps meet a point ----------------------------------------------------------------------
@@ -442,37 +401,6 @@ def test_points_are_kept_in_copies_once_they_were_read():
     (copy,) = pickle.loads(pickle.dumps(path)).critical_points
     assert copy.load_factor == point.load_factor
     assert np.array_equal(copy.modes.shapes, point.modes.shapes)
-
-
-@pytest.mark.parametrize(("follows", "exact"), [(False, 4), (True, 3)])
-def test_rings_buckle_under_dead_and_under_following_pressure(follows, exact):
-    """A quarter of a ring of radius 1: 4 EI/R^3 with dead loads, 3 EI/R^3 if they stay normal.
-
-    The second pressure has a potential, although it follows: the tangent is symmetric.
-    """
-    section = fb.Section(EA=1e6, GA=1e6, EI=EI)
-    scene = fb.Scene()
-    beam = scene.add_beam(
-        lambda f: (np.cos(np.pi * f / 2), np.sin(np.pi * f / 2)), section, 4, degree=3
-    )
-    scene.fix(beam.start, "y", "rotation")
-    scene.fix(beam.end, "x", "rotation")
-    turn = np.pi / 2 / beam.length
-
-    def pressure(step):
-        along = step.prime(step.X + step.u)
-        inwards = step.virtual_u[1] * along[0] - step.virtual_u[0] * along[1]
-        return 5 * step.load_factor * inwards
-
-    if follows:
-        scene.add_virtual_work(pressure)
-    else:
-        scene.add_line_load(
-            beam, lambda s: (-5 * np.cos(turn * s), -5 * np.sin(turn * s)), of="arc length"
-        )
-    (point,) = fb.static(scene, load_steps=4).critical_points
-    assert point.kind == "bifurcation"
-    assert 5 * point.load_factor == pytest.approx(exact, rel=1e-5)
 
 
 def test_an_imperfect_bifurcation_is_a_limit_point_for_any_steps():

@@ -200,29 +200,6 @@ CURVES = {
 }
 
 
-def tip_per_moment(curve, degree, elements, moment):
-    """Error of the tip of a curve under a moment."""
-    function, rate = CURVES[curve]
-    section = fb.Section(EA=200.0, GA=100.0, EI=1.0)
-    scene, beam = clamped_bar(function, section, elements=elements, degree=degree)
-    scene.add_moment(beam.end, moment)
-
-    def advance(
-        f, component
-    ):  # along the tangent, which turns in proportion to the arc length before it
-        length, _ = quad(lambda g: math.hypot(*rate(g)), 0, f)
-        return component(moment * length + math.atan2(*rate(f)[::-1])) * math.hypot(*rate(f))
-
-    exact = [quad(advance, 0, 1, component, epsabs=1e-13)[0] for component in (math.cos, math.sin)]
-    return math.dist(fb.static(scene, load_steps=2).position(beam.end)[-1], exact)
-
-
-@DEGREES
-def test_a_parabola_is_bent_by_a_moment_with_order_twice_the_degree(degree):
-    errors = np.array([tip_per_moment("parabola", degree, n, 0.7) for n in (4, 8, 16)])
-    assert (np.log2(errors[:-1] / errors[1:]) > 2 * degree - 0.1).all()
-
-
 def tip_per_force(degree, elements, thickness, curve="arc", force=1e-4):
     """Relative error of the tip of a curve under a small force across it."""
     section = fb.Section(EA=12 / thickness**2, GA=4 / thickness**2, EI=1.0)

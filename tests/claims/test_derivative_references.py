@@ -123,101 +123,6 @@ def test_the_damping_of_a_scheme_as_a_parameter_must_be_a_number_of_the_scene():
         fb.simulate(scene, scheme, dt=DT, t_end=DT)
 
 
-# -- Reciprocity -----------------------------------------------------------------------------------
-
-
-def two_loads(x):
-    """Two small forces at A and B on a bent frame with a hinge and a body, at rest before."""
-    scene, first = clamped_bar((1, 0), MEMBER, elements=2, gravity=(0, -9.81))
-    second = scene.add_beam([(1, 0), (1.8, 0.4)], MEMBER, elements=2)
-    body = scene.add_body((1.9, 0.4), 1.0, 0.1, points={"arm": (1.8, 0.4)})
-    scene.add_joint(fb.Revolute(first.end, second.start, spring=fb.Spring(40.0)))
-    scene.add_joint(fb.Rigid(second.end, body["arm"]))
-    a, b = first.end, body.centre
-    scene.add_force(a, lambda t: (0.0, x[0] * np.sin(9 * t)))
-    scene.add_force(b, lambda t: (x[1] * np.sin(9 * t), 0.0))
-    return scene, {"a": fb.Output("position", a, "y"), "b": fb.Output("position", b, "x")}
-
-
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying()])
-def test_a_place_answers_to_a_load_elsewhere_as_that_place_to_a_load_here(scheme):
-    start = {"start": lambda scene: fb.static(scene, load_steps=2)}
-    run = fb.Response(two_loads, scheme, dt=0.02, t_end=0.6, **start)
-    _, y = run(np.zeros(2))
-    assert np.ptp(y["b"]) < 1e-9  # it stays at rest
-    J = run.jacobian()
-    here, there = J["a"][:, 1], J["b"][:, 0]
-    assert abs(here).max() > 1e-4
-    assert here == pytest.approx(there, rel=0, abs=1e-8 * abs(here).max())
-    assert abs(J["a"][:, 0] - J["b"][:, 1]).max() > 0.1 * abs(here).max()
-
-
-# -- What motions conserve -------------------------------------------------------------------------
-
-
-def touching(x):
-    """Two beams; one falls with its tip on the other and slides along it."""
-    scene, below = one_bar((2, 0), MEMBER, elements=4)
-    above = scene.add_beam([(0.7, 0.11), (1.1, 1.2)], MEMBER, elements=2)
-    friction = fb.Coulomb(0.2, 1e3)
-    scene.add_contact(above, below, stiffness=1e4 * x[1], radius=0.05, friction=friction)
-    scene.set_velocity(above, (0.3, -2.0 * x[0]))
-    return scene
-
-
-# -- Exact solutions -------------------------------------------------------------------------------
-
-
-def thrown(x):
-    scene, body = one_body((0, 0), 2.0, 0.5, gravity=(0, x[2]))
-    scene.set_velocity(body, (x[0], x[1]))
-    return scene, {"path": fb.Output("position", body.centre)}
-
-
-def test_gradient_of_the_error_of_a_thrown_body():
-    """A parabola, which steps with mean rates follow exactly."""
-    exact = np.array([3.0, 4.0, -9.81])
-    run = fb.Response(thrown, dt=0.1, t_end=1.0)
-    for x in exact, exact + [0.2, -0.3, 0.5]:
-        t, y = run(x)
-        by_x = np.array([[t, 0 * t], [0 * t, t], [0 * t, t * t / 2]])
-        error = y["path"] - np.einsum("mit,m->ti", by_x, exact)
-        found = run.vjp({"path": error})
-        expected = np.einsum("mit,jit,j->m", by_x, by_x, x - exact)
-        assert found == pytest.approx(expected, abs=1e-9)
-
-
-AMPLITUDE = 1e-3
-
-
-def bar(x, elements):
-    """A free bar in its first axial mode."""
-    section = fb.Section(EA=x[0], GA=1.0, EI=1.0, rhoA=x[1], rhoI=1.0)
-    scene, beam = one_bar((1, 0), section, elements=elements)
-    scene.set_velocity(beam, lambda X, Y: (AMPLITUDE * np.cos(np.pi * X), 0.0))
-    return scene, {"end": fb.Output("displacement", beam.end, "x")}
-
-
-def errors_of_bar(elements):
-    """Gradient of the squared error at the exact numbers, and the error of the derivatives."""
-    x = np.array([1.0, 1.0])
-    run = fb.Response(lambda x: bar(x, elements), dt=0.4 / elements, t_end=4.0)
-    t, y = run(x)
-    angle = np.pi * np.sqrt(x[0] / x[1])
-    exact = -AMPLITUDE * np.sin(angle * t) / angle
-    by_angle = -AMPLITUDE * (t * np.cos(angle * t) / angle - np.sin(angle * t) / angle**2)
-    by_x = np.outer(by_angle, [angle / (2 * x[0]), -angle / (2 * x[1])])
-    error = y["end"] - exact
-    gradient = run.vjp({"end": error}) / (len(t) * AMPLITUDE**2)
-    return abs(gradient).max(), abs(run.jacobian()["end"] - by_x).max() / abs(by_x).max()
-
-
-def test_derivatives_of_a_vibrating_bar_converge_with_order_two():
-    coarse, fine = (np.array(errors_of_bar(elements)) for elements in (8, 16))
-    assert np.log2(coarse / fine) == pytest.approx([2, 2], abs=0.2)
-    assert (fine < 0.05).all()
-
-
 # -- Nodes that slide ------------------------------------------------------------------------------
 
 
@@ -242,57 +147,6 @@ def test_a_bead_on_a_turning_rod_has_the_derivatives_of_cosh():
         errors.append(run.jacobian()["slide"][-1] / exact - 1)
     assert errors[0] / errors[1] == pytest.approx([4, 4], abs=0.2)
     assert abs(errors[1]).max() < 8e-3
-
-
-# -- Rates and forces ------------------------------------------------------------------------------
-
-
-def cantilever(x):
-    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.01)
-    scene, beam = clamped_bar((1, 0), section, elements=4, load=(0.0, x[0]))
-    tip, root = fb.Output("position", beam.end, "x"), fb.Output("reaction", beam.start)
-    return scene, {"tip": tip, "root": root}
-
-
-def test_reaction_of_a_cantilever_by_its_load():
-    """At rest it is minus the load, and its moment minus the load times where the tip is."""
-    load = 2.0
-    static = fb.StaticResponse(cantilever, load_steps=3)
-    start = {"start": lambda scene: fb.static(scene, load_steps=3)}
-    moving = fb.Response(cantilever, dt=0.01, t_end=0.05, **start)
-    for run, factors in ((static, static([load])[0]), (moving, np.ones(6))):
-        _, y = run([load])
-        J = run.jacobian()
-        root, tip = J["root"][..., 0], J["tip"][:, 0]
-        assert abs(root[:, 0]).max() < 1e-8
-        assert abs(root[:, 1] + factors).max() < 1e-8
-        moment = -factors * y["tip"] - factors * load * tip
-        assert root[1:, 2] == pytest.approx(moment[1:], abs=1e-7)
-
-
-def pendulum(x):
-    """A rigid pendulum that is let go at the angle x[0], with the mass x[1]."""
-    c, s = np.cos(x[0]), np.sin(x[0])
-    scene, body, pin = hinged_body((s, -c), x[1], 1e-9, {"pin": (0, 0)}, gravity=(0.0, -9.81))
-    outputs = {"pin": fb.Output("force", pin), "a": fb.Output("acceleration", body.centre)}
-    return scene, outputs | {"speed": fb.Output("velocity", body.centre)}
-
-
-def test_force_of_a_pendulums_pin():
-    """Balance of momentum in each step, and m g (3 - 2 cos x) where it is lowest."""
-    run, x = fb.Response(pendulum, dt=0.01, t_end=0.8), np.array([1.0, 2.0])
-    _, y = run(x)
-    J = run.jacobian()
-    assert J["pin"][1:, :2, 0] == pytest.approx(x[1] * J["a"][1:, :, 0], abs=1e-7)
-    by_mass = y["a"][1:] + (0, 9.81) + x[1] * J["a"][1:, :, 1]
-    assert J["pin"][1:, :2, 1] == pytest.approx(by_mass, abs=1e-7)
-    lowest = np.argmax(y["pin"][:, 1])
-    assert y["pin"][lowest, 1] == pytest.approx(x[1] * 9.81 * (3 - 2 * np.cos(x[0])), rel=1e-3)
-    assert J["pin"][lowest, 1, 0] == pytest.approx(x[1] * 9.81 * 2 * np.sin(x[0]), rel=2e-2)
-    # The energy at any time is that of the start.
-    fastest = np.argmax(y["speed"][:, 0] ** 2)
-    speed = y["speed"][fastest] @ J["speed"][fastest, :, 0]
-    assert speed == pytest.approx(9.81 * np.sin(x[0]), rel=2e-2)
 
 
 # -- Work and losses -------------------------------------------------------------------------------
@@ -413,6 +267,16 @@ def test_work_and_losses_without_derivatives_are_refused_by_their_names(
 
 
 # -- What is said, and refused ---------------------------------------------------------------------
+
+
+def touching(x):
+    """Two beams; one falls with its tip on the other and slides along it."""
+    scene, below = one_bar((2, 0), MEMBER, elements=4)
+    above = scene.add_beam([(0.7, 0.11), (1.1, 1.2)], MEMBER, elements=2)
+    friction = fb.Coulomb(0.2, 1e3)
+    scene.add_contact(above, below, stiffness=1e4 * x[1], radius=0.05, friction=friction)
+    scene.set_velocity(above, (0.3, -2.0 * x[0]))
+    return scene
 
 
 def test_contact_of_members_beside_a_node_that_slides_is_refused():

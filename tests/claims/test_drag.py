@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import assert_refused, clamped_bar, one_bar
+from scenes import assert_refused, one_bar
 
 import fx_beam as fb
 
@@ -75,24 +75,6 @@ def test_a_rotation_is_stopped_by_drag_on_the_spin_and_on_the_speed(on, resistan
     assert np.diff(solution.energy.dissipated).min() > 0
 
 
-@pytest.mark.parametrize("degree", [1, 2])
-def test_drag_in_proportion_to_the_mass_and_retardation_give_the_ratios_of_rayleigh(degree):
-    def cantilever(alpha, tau):
-        section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.5, rhoI=0.1, retardation=tau)
-        scene, bar = clamped_bar((1, 0), section, elements=3, degree=degree)
-        scene.add_mass(bar.end, 2.0, inertia=0.3)
-        scene.add_drag(bar, linear=alpha * 1.5, rotation=alpha * 0.1)
-        scene.add_drag(bar.end, linear=alpha * 2.0, rotation=alpha * 0.3)
-        return scene
-
-    plain = fb.modes(cantilever(1.0, 0.0), n=4, damping=False)
-    alpha, tau = fb.rayleigh(plain.frequencies[:2], (0.05, 0.02))
-    found = fb.modes(cantilever(alpha, tau), n=4)
-    omega = 2 * np.pi * plain.frequencies
-    assert found.damping_ratios == pytest.approx(alpha / (2 * omega) + tau * omega / 2, rel=1e-9)
-    assert found.damping_ratios[:2] == pytest.approx((0.05, 0.02), rel=1e-9)
-
-
 # -- Balance --------------------------------------------------------------------------------------
 
 
@@ -116,24 +98,6 @@ def test_every_scheme_loses_the_same_energy_in_every_step(scheme):
     assert lost[0] == pytest.approx(lost[1], rel=1e-3)
 
 
-def test_the_impulse_of_drag_changes_the_momenta():
-    # Node by node: Dp = -c |v| v dt at the mean velocity, about the mean position.
-    scene, bar = bar_at((2.0, 1.0), "nodes", quadratic=1.0)
-    scene.add_drag(bar.end, linear=2.0)
-    dt = 0.02
-    solution = fb.simulate(scene, dt=dt, t_end=1.0)
-    impulse, moment = np.zeros((50, 2)), np.zeros(50)
-    for node, linear in ((bar.start, 0.0), (bar.end, 2.0)):
-        x = solution.position(node)
-        v, mean = np.diff(x, axis=0) / dt, (x[1:] + x[:-1]) / 2
-        force = -(linear + 0.5 * np.hypot(*v.T))[:, None] * v
-        impulse += dt * force
-        moment += dt * (mean[:, 0] * force[:, 1] - mean[:, 1] * force[:, 0])
-    assert np.diff(solution.linear_momentum, axis=0) == pytest.approx(impulse, abs=1e-10)
-    assert np.diff(solution.angular_momentum) == pytest.approx(moment, abs=1e-10)
-    assert abs(solution.angular_momentum[-1]) > 0.1
-
-
 def test_a_step_is_halved_where_drag_would_give_energy_in_a_sub_step_that_goes_back():
     scene, _ = bar_at((2.0, 0.0), "nodes", linear=3.0 * 3.03 / 0.12)
     solution = fb.simulate(scene, fb.EnergyMomentum(order=4), dt=0.12, t_end=0.36)
@@ -151,16 +115,3 @@ def test_a_massless_bar_may_sink_against_drag():
     scene.add_drag(bar, linear=2.0, rotation=1.0)
     solution = fb.simulate(scene, dt=0.1, t_end=1.0)
     assert solution.displacement(bar.end)[-1] == pytest.approx([0.0, -1.5], abs=1e-9)
-
-
-def test_statics_knows_nothing_of_drag():
-    tips = []
-    for drag in (0.0, 10.0):
-        scene, bar = clamped_bar((1, 0), SECTION, elements=1, gravity=(0, -9.81))
-        if drag:
-            scene.add_drag(bar, linear=drag)
-            scene.add_drag(bar.end, linear=drag)
-        solution = fb.static(scene, load_steps=1)
-        assert not any("drag" in name for name in solution.stats.compiled)
-        tips.append(solution.displacement(bar.end)[-1])
-    assert (tips[0] == tips[1]).all()

@@ -301,62 +301,6 @@ def test_rates_of_massless_turns_have_their_derivatives(build):
     assert_they_are_those_of_the_motion(run, x, J, h=1e-3)
 
 
-def test_rows_of_some_steps_without_motion_have_the_same_forces():
-    whole = fb.simulate(slider_crank(), dt=0.004, t_end=0.1)
-    record = fb.Record(every=4, motion=False, rates=False)
-    some = fb.simulate(slider_crank(), dt=0.004, t_end=0.1, record=record)
-    assert not some.has_motion
-    assert not some.has_rates
-    for name in KINDS[1:]:
-        rows = getattr(whole, name)[[*range(0, 25, 4), 25]]
-        assert getattr(some, name) == pytest.approx(rows, abs=1e-9), name
-
-
-@pytest.mark.parametrize(("build", "order"), [(double_pendulum, 4), (slider_crank, 2)])
-def test_outputs_of_a_motion_are_those_of_its_record_also_after_a_return(build, order):
-    scene, scheme = build(), fb.EnergyMomentum(order=order)
-    joint, body = scene.joints[-1], scene.bodies[-1]
-    places = {"force": joint, "velocity": body.centre, "acceleration": body.centre, "spin": joint}
-    outputs = {name: fb.Output(name, what) for name, what in places.items()}
-    motion = fb.Motion(scene, scheme, dt=0.004, outputs=outputs, record=fb.Record())
-    rows = [motion.outputs, *(motion.step() for _ in range(10))]
-    snapshot = motion.snapshot()
-    rows += [motion.step() for _ in range(10)]
-    found = motion.solution()
-    expected = {
-        "force": found.joint(joint).force,
-        "velocity": found.velocity(body.centre),
-        "acceleration": found.acceleration(body.centre),
-        "spin": found.joint(joint).spin,
-    }
-    for name, values in expected.items():
-        assert np.array([row[name] for row in rows]) == pytest.approx(values, abs=1e-9), name
-    motion.restore(snapshot)
-    for row in rows[11:]:
-        again = motion.step()
-        assert all(np.allclose(again[name], row[name], atol=1e-8) for name in outputs)
-
-
-def test_a_driven_input_gives_the_forces_of_the_same_motion_along_straight_lines():
-    places = 0.1 * (0.01 * np.maximum(np.arange(21) - 1, 0)) ** 2  # at rest in the first step
-    moved = []
-    for motor in (fb.Input("x"), lambda t: np.interp(t, 0.01 * np.arange(21), places)):
-        scene, cart = one_body((0, 0), 1.0, 0.1, gravity=(0, -G))
-        bob = scene.add_body((0, -0.5), 1.0, 0.05, points={"q": (0, 0)})
-        rail = fb.Prismatic(fb.GROUND, cart.centre, axis=(1, 0), motor=motor)
-        rail = scene.add_joint(rail)
-        scene.add_joint(fb.Revolute(cart.centre, bob["q"]))
-        moved.append((scene, rail))
-    (scene, rail), (known, same) = moved
-    motion = fb.Motion(
-        scene, dt=0.01, outputs={"push": fb.Output("motor_force", rail)}, record=fb.Record()
-    )
-    pushes = [motion.step({"x": x})["push"] for x in places[1:]]
-    found = fb.simulate(known, dt=0.01, t_end=0.2)
-    assert pushes[1:] == pytest.approx(found.joint(same).motor_force[2:], abs=1e-8)
-    assert motion.solution().joint(rail).motor_force[1:] == pytest.approx(pushes, abs=1e-10)
-
-
 def jacobian(x):
     """Of the double pendulum's accelerations, by angles and spins, by complex steps."""
     m1, j1, l1, a1, m2, j2, a2, c = 2.0, 0.1, 0.8, 0.4, 1.0, 0.05, 0.3, 0.05

@@ -75,14 +75,20 @@ def test_two_equal_columns_flutter_at_one_point_with_two_modes():
     assert abs(np.linalg.det(across / abs(across).max())) > 0.1
 
 
-def test_zieglers_column_flutters_between_two_loads_and_then_diverges():
-    """Two rods, 2 kg and 1 kg at their ends: flutter for |P L/c - 7/2| < sqrt(2)."""
+def ziegler(load, dampers=(0.0, 0.0)):
+    """Two light rods of 1 m with 2 kg and 1 kg at their ends, hinges of 1 N m, and a follower."""
     scene, one = one_body((1, 0), 2.0, 1e-12, points={"O": (0, 0), "A": (1, 0)})
     two = scene.add_body((2, 0), 1.0, 1e-12, points={"A": (1, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, one["O"], spring=fb.Spring(1.0)))
-    scene.add_joint(fb.Revolute(one["A"], two["A"], spring=fb.Spring(1.0)))
-    scene.add_force(two.centre, (-6.0, 0), follower=True)
-    path = fb.static(scene, load_steps=10)
+    laws = [{"spring": fb.Spring(1.0), "damper": fb.Damper(b) if b else None} for b in dampers]
+    scene.add_joint(fb.Revolute(fb.GROUND, one["O"], **laws[0]))
+    scene.add_joint(fb.Revolute(one["A"], two["A"], **laws[1]))
+    scene.add_force(two.centre, (-load, 0), follower=True)
+    return scene
+
+
+def test_zieglers_column_flutters_between_two_loads_and_then_diverges():
+    """Two rods, 2 kg and 1 kg at their ends: flutter for |P L/c - 7/2| < sqrt(2)."""
+    path = fb.static(ziegler(6.0), load_steps=10)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         first, second = path.critical_points

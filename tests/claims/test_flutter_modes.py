@@ -3,21 +3,10 @@
 import numpy as np
 import pytest
 import scipy.optimize
-from scenes import assert_refused, clamped_bar, one_bar, one_body
-from test_flutter import column
+from scenes import assert_refused, clamped_bar, one_bar
+from test_flutter import column, ziegler
 
 import fx_beam as fb
-
-
-def ziegler(load, dampers=(0.0, 0.0)):
-    """Two light rods of 1 m with 2 kg and 1 kg at their ends, hinges of 1 N m, and a follower."""
-    scene, one = one_body((1, 0), 2.0, 1e-12, points={"O": (0, 0), "A": (1, 0)})
-    two = scene.add_body((2, 0), 1.0, 1e-12, points={"A": (1, 0)})
-    laws = [{"spring": fb.Spring(1.0), "damper": fb.Damper(b) if b else None} for b in dampers]
-    scene.add_joint(fb.Revolute(fb.GROUND, one["O"], **laws[0]))
-    scene.add_joint(fb.Revolute(one["A"], two["A"], **laws[1]))
-    scene.add_force(two.centre, (-load, 0), follower=True)
-    return scene
 
 
 def roots_of_ziegler(load, dampers):

@@ -15,24 +15,6 @@ def cantilever(elements, section):
 # -- Closed solutions --------------------------------------------------------------------------
 
 
-def test_a_damped_bar_has_the_closed_response():
-    # u = F tan(k L) / (E k) with the complex stiffness E = EA (1 + i w tau), k = w sqrt(rhoA/E).
-    EA, tau = 100.0, 4e-3
-    section = fb.Section(EA=EA, GA=EA, EI=EA, rhoA=1.0, retardation=tau)
-    f = np.linspace(0.0, 12.0, 61)[1:]  # four resonances
-    w = 2 * np.pi * f
-    E = EA * (1 + 1j * w * tau)
-    exact = np.tan(w / np.sqrt(E)) / (np.sqrt(E) * w)
-    errors = []
-    for elements in (8, 16):
-        scene, bar = cantilever(elements, section)
-        found = fb.frequency_response(scene, (bar.end, (1.0, 0.0)), bar.end, f)
-        errors.append(abs(found.component("x") / exact - 1).max())
-        assert not found.component("y").any()
-    assert errors[1] < 2e-4
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.1)
-
-
 def timoshenko(section, tau, w, force, moment):
     """Displacement and rotation of a cantilever's end, by its transfer matrix."""
     GA, EI = (c * (1 + 1j * w * tau) for c in (section.GA, section.EI))

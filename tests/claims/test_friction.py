@@ -60,15 +60,6 @@ def test_a_block_slides_to_rest_as_the_law_says(scheme):
     assert np.diff(solution.energy.dissipated).min() >= 0
 
 
-def test_an_oscillator_with_friction_loses_four_times_the_force_over_the_stiffness_in_a_period():
-    k, F = 200.0, 4.0  # 10 rad/s
-    scene, _, joint = block(0.0, spring=fb.Spring(k, rest=1.0), friction=fb.SmoothFriction(F, 1e-3))
-    period = 2 * np.pi / 10
-    solution = fb.simulate(scene, dt=period / 400, t_end=4 * period)
-    amplitudes = abs(solution.joint(joint).slide - 1.0)[::400]
-    assert amplitudes == pytest.approx(1.0 - 4 * F / k * np.arange(5), abs=2e-4)
-
-
 def test_stribecks_friction_stops_a_block_where_its_integral_says():
     law = fb.SmoothFriction(lambda rate: 1 + ufl.exp(-abs(rate) / 0.5), 0.005)
     scene, _, rail = block(2.0, mass=1.0, friction=law)
@@ -172,19 +163,6 @@ def swing(mu, radius, t_end):
     return state
 
 
-def test_a_block_on_a_rail_is_braked_by_its_weight():
-    scene, centre, rail = weighted(0.2)
-    solution = fb.simulate(scene, dt=0.01, t_end=2.0)
-    place = solution.position(centre)[:, 0]
-    assert place[-1] == pytest.approx(3.0**2 / (2 * 0.2 * G), rel=2e-3)
-    v = solution.velocity(centre)[:, 0]
-    assert (v[100] - v[0]) / solution.t[100] == pytest.approx(-0.2 * G, rel=1e-4)
-    assert np.ptp(place[-20:]) < 1e-10
-    assert solution.stats.halvings == 0
-    assert_balanced(solution, 1e-11)
-    assert solution.joint(rail).force[50, 1] == pytest.approx(2.0 * G)
-
-
 def test_the_friction_is_mu_times_the_force_of_the_same_step():
     """Also in the steps behind a jump of the load."""
 
@@ -220,18 +198,6 @@ def test_a_force_that_its_own_friction_changes_has_the_exact_acceleration(mu, sp
     assert bends == pytest.approx(np.full(len(bends), gains), rel=1e-9)
     assert_balanced(solution)
     assert np.ptp(solution.linear_momentum[:, 0]) < 1e-10
-
-
-def test_friction_that_follows_a_changing_force_is_of_second_order():
-    errors = []
-    exact = 3.0 - 0.2 / 2.0 * (10 * 0.8 + 8 / 5 * (1 - cos(5 * 0.8)))
-    parts = {"load": lambda t: (0, -10 - 8 * sin(5 * t)), "friction": fb.Coulomb(0.2, 1e5)}
-    for dt in (0.02, 0.01, 0.005):
-        scene, centre, _ = block(3.0, (1, 0), **parts)
-        solution = fb.simulate(scene, dt=dt, t_end=0.8)
-        errors.append(abs(solution.velocity(centre)[-1, 0] - exact))
-    assert errors[-1] < 1e-4
-    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.2)
 
 
 @pytest.mark.parametrize("dt", [0.01, 0.005])

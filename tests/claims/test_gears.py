@@ -255,18 +255,6 @@ def test_within_its_play_a_gear_drives_nothing_and_then_gives_its_momentum():
     assert motion.spin(nodes[1])[late] == pytest.approx(-1.0, rel=1e-9)
 
 
-def test_losses_of_the_teeth_are_dissipated():
-    scene, nodes, joints = wheels(0.1, 0.1)
-    scene.add_joint(fb.Gear(*joints, 2.0, damper=fb.Damper(0.05)))
-    scene.set_velocity(nodes[0], spin=1.0)
-    motion = fb.simulate(scene, dt=1e-3, t_end=2.0)
-    # The difference w_b - 2 w_a decays by c (1 / J_b + 4 / J_a).
-    slip = motion.spin(nodes[1]) - 2 * motion.spin(nodes[0])
-    assert slip == pytest.approx(-2 * np.exp(-2.5 * motion.t), abs=1e-5)
-    lost = motion.energy.total[0] - motion.energy.total[-1]
-    assert motion.energy.dissipated[-1] == pytest.approx(lost, rel=1e-10)
-
-
 # -- Analyses --------------------------------------------------------------------------------------
 
 
@@ -293,15 +281,6 @@ def test_geared_columns_tip_over_together_under_the_load_of_the_closed_form():
     for column in columns:
         scene.add_force(column.centre, (0, -1.0))
     assert fb.buckling(scene, n=1).load_factors[0] == pytest.approx(10.0, rel=1e-9)
-
-
-def test_a_frequency_response_sees_the_spring_and_damper_of_the_other_wheel():
-    scene, nodes, joints = wheels(0.1, 0.1)
-    scene.add_joint(fb.Gear(*joints, -2.0))
-    scene.add_spring(nodes[0], rotation=[fb.Spring(5.0), fb.Damper(0.1)])
-    response = fb.frequency_response(scene, (nodes[1], (0, 0, 1.0)), nodes[0], [0.2, 0.5])
-    w = 2 * np.pi * response.frequencies
-    assert response.values[:, 2] == pytest.approx(-2 / (5 + 0.1j * w - 0.5 * w**2), rel=1e-9)
 
 
 def test_derivatives_by_the_ratio_are_those_of_the_closed_form():

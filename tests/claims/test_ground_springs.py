@@ -108,21 +108,6 @@ def test_a_bed_that_only_holds_along_the_beam_may_be_said_to_push_only():
     assert bed.normal is None and bed.tangential.on.spring.stiffness == 5.0
 
 
-def test_the_derivative_of_the_displacement_by_the_stiffness():
-    """Of two springs side by side."""
-
-    def build(x):
-        scene, body, _ = held_body(x=fb.Spring(x[0]), y=fb.Spring(5.0), rotation=fb.Spring(1.0))
-        scene.add_spring(body, x=fb.Spring(30.0))
-        scene.add_force(body, (10.0, 0.0))
-        return scene, {"x": fb.Output("displacement", body, "x")}
-
-    response = fb.StaticResponse(build, load_steps=1)
-    _, values = response([20.0])
-    assert values["x"][-1] == pytest.approx(10 / 50)
-    assert response.jacobian()["x"][-1, 0] == pytest.approx(-10 / 50**2)
-
-
 def test_springs_are_removed_alone_and_with_what_they_hold():
     scene, body, held = held_body(x=fb.Spring(50.0), y=fb.Spring(200.0), rotation=fb.Spring(8.0))
     scene.remove(held.x)
@@ -131,13 +116,3 @@ def test_springs_are_removed_alone_and_with_what_they_hold():
     scene.add_bed(beam, normal=1.0)
     scene.remove(beam)
     assert len(scene.forces_between) == 2
-
-
-def test_a_changed_scene_goes_on_with_its_springs():
-    scene, body, held = held_body(x=fb.Spring(50.0), rotation=fb.Spring(8.0))
-    scene.set_velocity(body, (1.0, 0.0))
-    first = fb.simulate(scene, dt=0.01, t_end=0.5)
-    scene.remove(held.rotation)
-    then = fb.simulate(scene, dt=0.01, t_end=1.0, start=first)
-    exact = np.sin(5 * then.t) / 5
-    assert abs(then.position(body)[:, 0] - 1 - exact).max() < 1e-3

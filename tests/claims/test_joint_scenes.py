@@ -223,14 +223,3 @@ def test_a_massless_node_has_the_rates_of_the_node_that_holds_it(scheme):
     for rates in (solution.v, solution.a):
         assert np.array_equal(rates[:, rigid.a.number], rates[:, rigid.b.number])
         assert np.array_equal(rates[:, hinge.a.number, :2], rates[:, hinge.b.number, :2])
-
-
-@pytest.mark.parametrize("swapped", [False, True])
-def test_a_point_of_a_body_turns_with_it_whichever_node_of_its_hinge_follows(swapped):
-    scene, arm = pinned_bar((1, 0), MEMBER, elements=2, gravity=(0.0, -9.81))
-    body = scene.add_body((1.3, 0.2), mass=1.0, inertia=0.1, points={"pin": (1, 0)})
-    ends = (body["pin"], arm.end) if swapped else (arm.end, body["pin"])
-    scene.add_joint(fb.Revolute(*ends))
-    solution = fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.1)
-    assert np.array_equal(solution.spin(body["pin"]), solution.spin(body.centre))
-    assert np.array_equal(solution.velocity(body["pin"]), solution.velocity(arm.end))

@@ -4,6 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
+from derivatives import assert_derivatives, assert_orbit_slopes
 from scenes import held_body, one_bar
 
 import fx_beam as fb
@@ -103,21 +104,6 @@ def test_beds_have_rates_and_power():
     assert 0.005 * across.power[1:] == pytest.approx(work, abs=1e-12)
 
 
-def test_lengths_are_linearised():
-    scene, line, held = pair()
-    scene.fix(scene.bodies[1].centre, "rotation")
-    rest = fb.static(scene)
-    outputs = {"length": fb.Output("length", line), "sag": fb.Output("rate", held.y)}
-    system = fb.linearise(scene, rest, outputs=outputs)
-    a, b = (scene.bodies[k].centre for k in (0, 1))
-    places = {"a": fb.Output("position", a), "b": fb.Output("position", b)}
-    of_nodes = fb.linearise(scene, rest, outputs=places)
-    apart = rest.position(b)[-1] - rest.position(a)[-1]
-    way = apart / np.hypot(*apart)
-    known = way @ (of_nodes.C[2:] - of_nodes.C[:2])
-    assert system.C[0] == pytest.approx(known, abs=1e-12)
-
-
 KINDS = {
     "points": lambda a, b: [(0.0, 0.5), a, (0.4, 0.3), b],
     "pulleys": lambda a, b: [a, fb.Pulley((0.4, 0.3), 0.1, side="right"), b],
@@ -158,36 +144,20 @@ def own_laws(k):
     }
 
 
-def check(run, x, tolerance=2e-6):
-    """Derivatives of outputs forwards and backwards, against differences."""
-    step = 1e-5
-    ways = step * np.eye(len(x))
-    moved = [(run(x + way)[1], run(x - way)[1]) for way in ways]
-    _, y = run(x)
-    jacobian = run.jacobian()
-    for name in y:
-        known = np.stack([(a[name] - b[name]) / (2 * step) for a, b in moved], axis=-1)
-        size = abs(known).max() + 1e-3 * abs(y[name]).max()
-        assert jacobian[name] == pytest.approx(known, abs=tolerance * size + 1e-9), name
-    gradient = run.vjp({name: np.cos(np.arange(len(rows))) for name, rows in y.items()})
-    total = sum(np.cos(np.arange(len(rows))) @ jacobian[name] for name, rows in y.items())
-    assert gradient == pytest.approx(total, rel=1e-8)
-
-
 X = np.array([1.0, 1.0, 1.0])
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_ropes_have_derivatives_in_motion_and_at_rest(kind):
-    check(fb.Response(lambda x: roped(x, kind), dt=0.01, t_end=0.15), X)
-    check(fb.StaticResponse(lambda x: roped(x, kind), load_steps=3), X)
+    assert_derivatives(fb.Response(lambda x: roped(x, kind), dt=0.01, t_end=0.15), X)
+    assert_derivatives(fb.StaticResponse(lambda x: roped(x, kind), load_steps=3), X)
 
 
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying(), fb.MidPoint()])
 def test_all_laws_of_a_line_have_derivatives(scheme):
     """Springs, dampers, friction, stops and functions, also by schemes that damp."""
     build = lambda x: roped(x, "points", own_laws)  # noqa: E731
-    check(fb.Response(build, scheme, dt=0.01, t_end=0.15), X)
+    assert_derivatives(fb.Response(build, scheme, dt=0.01, t_end=0.15), X)
 
 
 def test_a_motion_from_an_equilibrium_starts_with_its_pull():
@@ -197,7 +167,7 @@ def test_a_motion_from_an_equilibrium_starts_with_its_pull():
         return roped((x[0], 1.0, x[1]), "points")
 
     for start in (fb.static(build(X)[0]), fb.static):
-        check(fb.Response(build, dt=0.01, t_end=0.05, start=start), X[:2])
+        assert_derivatives(fb.Response(build, dt=0.01, t_end=0.05, start=start), X[:2])
 
 
 def test_a_periodic_motion_has_derivatives_of_its_lines():
@@ -216,7 +186,8 @@ def test_a_periodic_motion_has_derivatives_of_its_lines():
     def motion(scene):
         return fb.periodic(scene, period=2 * np.pi / 3.0, steps=41, tolerance=1e-12)
 
-    check(fb.PeriodicResponse(build, motion), np.array([1.0, 1.0]), 1e-5)
+    run = fb.PeriodicResponse(build, motion)
+    assert_orbit_slopes(run, [1.0, 1.0], 1e-5, multipliers=False)
 
 
 def test_forces_of_lines_are_linearised():

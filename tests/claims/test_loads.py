@@ -2,8 +2,6 @@
 
 import math
 
-import ufl
-
 import numpy as np
 import pytest
 import scipy.integrate
@@ -86,15 +84,6 @@ def test_a_line_load_acts_on_the_whole_length_of_its_beam_only():
     centre = np.array([1.0, -2.0]) + 1.5 * np.array([0.6, 0.8])
     assert solution.angular_momentum == pytest.approx(cross(centre, expected), abs=1e-12)
     assert solution.displacement(other.end) == pytest.approx(np.zeros((6, 2)), abs=1e-14)
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-def test_a_line_load_on_a_skew_polyline_is_per_reference_length(degree):
-    points = [(0, 0), (3, 4), (3, 5)]
-    scene, beam = one_bar(points, SECTION, elements=[1, 2], degree=degree)
-    scene.add_line_load(beam, lambda t: (0.0, 2.0))
-    solution = fb.simulate(scene, dt=0.01, t_end=0.01)
-    assert solution.linear_momentum[1] == pytest.approx([0, 2.0 * 6 * 0.01], abs=1e-14)
 
 
 # -- Prescribed motion -----------------------------------------------------------------------
@@ -225,23 +214,6 @@ def test_spin_without_rotary_inertia_is_the_mean_over_the_step_and_does_not_swin
         assert abs(np.diff(spin, 2)).max() < 1.5 * (9.81 / 0.5) ** 1.5 * dt**2
 
 
-def test_a_dead_force_as_virtual_work_moves_the_beam_as_a_line_load():
-    ends = []
-    for as_load in (True, False):
-        scene, beam = free_beam(degree=2)
-        scene.pin(beam.start)
-        if as_load:
-            scene.add_line_load(beam, lambda t: (2.0, 6 * t))
-        else:
-            scene.add_virtual_work(
-                lambda step: ufl.dot(ufl.as_vector((2.0, 6 * step.t)), step.virtual_u), beam
-            )
-        solution = fb.simulate(scene, dt=0.05, t_end=0.5)
-        ends.append(solution.position(beam.end))
-        assert abs(solution.energy.balance_error).max() < 1e-12 * solution.energy.kinetic.max()
-    assert ends[0] == pytest.approx(ends[1], abs=1e-8)
-
-
 # -- Line loads that vary along their beam ------------------------------------------------------
 
 LENGTH, EI, RHO_A, LOAD = 2.0, 50.0, 1.5, 0.5
@@ -257,52 +229,10 @@ def loaded(load, degree=1, **options):
     return scene, bar, beam
 
 
-@pytest.mark.parametrize("degree", [1, 3])
-def test_a_load_that_grows_along_a_beam_has_its_resultant_at_two_thirds(degree):
-    scene, bar, beam = loaded(lambda s: (0.0, -3.0 * s / LENGTH), degree, of="arc length")
-    bent = fb.static(scene, load_steps=1)
-    total = 3.0 * LENGTH / 2
-    lever = 1 + 2 * LENGTH / 3
-    assert bent.reaction(bar.start)[-1] == pytest.approx([0, total, total * lever], rel=1e-6)
-    # Shear force and moment of statics, at the Gauss points of the finest rule there is.
-    r = bent.resultants(beam)
-    if degree == 3:
-        left = LENGTH - r.s
-        shear = 3.0 * (LENGTH**2 - r.s**2) / (2 * LENGTH)
-        moment = 3.0 * left**2 * (2 * LENGTH + r.s) / (6 * LENGTH)
-        np.testing.assert_allclose(-r.Q[-1], shear, atol=2e-2 * total)
-        np.testing.assert_allclose(-r.M[-1], moment, atol=2e-2 * total)
-
-
 def simply_supported(load, elements=32, **options):
     scene, beam = supported_bar((LENGTH, 0), SLENDER, elements=elements, degree=1)
     scene.add_line_load(beam, load, **({"of": BOTH} | options))
     return scene, beam
-
-
-def test_a_load_whose_front_moves_along_a_beam_has_the_deflection_of_the_series_of_modes():
-    speed = 3.0
-
-    def front(s, t):
-        # The last element is covered by degrees, as the front passes it.
-        covered = np.clip((speed * t - s) / (LENGTH / 32) + 0.5, 0.0, 1.0)
-        return 0.0, -LOAD * covered
-
-    scene, beam = simply_supported(front)
-    solution = fb.simulate(scene, dt=0.004, t_end=LENGTH / speed)
-    w = solution.displacement(beam.node(0.5))[:, 1]
-    expected = 0.0
-    for n in range(1, 12):
-        omega, W = (n * np.pi / LENGTH) ** 2 * np.sqrt(EI / RHO_A), n * np.pi * speed / LENGTH
-        still = (1 - np.cos(omega * solution.t)) / omega**2
-        moves = (np.cos(W * solution.t) - np.cos(omega * solution.t)) / (omega**2 - W**2)
-        force = -2 * LOAD / (n * np.pi * RHO_A) * np.sin(n * np.pi / 2)
-        expected = expected + force * (still - moves)
-    np.testing.assert_allclose(w, expected, atol=0.01 * abs(expected).max())
-    # Its work is what the beam gains.
-    energy = solution.energy
-    assert energy.total[-1] > 0
-    assert abs(energy.balance_error).max() < 1e-12 * energy.total.max()
 
 
 def test_a_function_of_single_places_gives_what_one_of_arrays_gives():

@@ -38,18 +38,6 @@ def test_turning_does_not_change_which_of_equal_pieces_has_more_elements():
         assert beam.s == pytest.approx([0, half, 2 * half, 4 * half])
 
 
-def test_a_mirrored_scene_has_the_mirrored_motion():
-    motions = []
-    for sign in (1, -1):
-        scene, beam = pinned_bar(
-            [(0, 0), (1, 0), (2, 1 * sign)], FLYING, elements=4, gravity=(0, -9.81 * sign)
-        )
-        scene.add_moment(beam.end, lambda t, sign=sign: 20 * sign * np.sin(t))
-        solution = fb.simulate(scene, dt=0.02, t_end=2.0)
-        motions.append(solution.q * [1, sign, sign])
-    assert abs(motions[1] - motions[0]).max() < 1e-9
-
-
 def test_a_beam_in_several_members_moves_as_the_whole():
     whole, beam = pinned_beam(8)
     parts, first = pinned_bar((25, 0), PINNED, elements=2)

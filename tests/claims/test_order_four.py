@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import assert_refused, clamped_bar, guided_body, one_bar, pendulum, pinned_beam, spinner
+from scenes import assert_refused, clamped_bar, guided_body, one_bar, pendulum, spinner
 
 import fx_beam as fb
 
@@ -77,21 +77,6 @@ def test_a_jump_of_a_load_inside_a_step_lowers_the_order():
         return abs(coarse.q[-1] - fine.q[-1]).max()
 
     assert error(jump=0.25 + 0.3 / 256) > 10 * error(jump=0.25)
-
-
-# -- Invariants -----------------------------------------------------------------------------------
-
-
-def test_recorded_forces_are_means_over_the_step():
-    # A third quantity: the support gives the whole change of momentum.
-    scene, beam = pinned_beam()
-    solution = fb.simulate(scene, FOUR, dt=0.01, t_end=0.1)
-    forces = solution.reaction(beam.start)[1:, :2]
-    forces = np.diff(solution.linear_momentum, axis=0) / np.diff(solution.t)[:, None]
-    assert abs(forces - forces).max() < 1e-9 * abs(forces).max()
-    assert solution.t_level[1:] == pytest.approx(solution.t[1:] - 0.005)
-    mean = np.diff(solution.velocity(beam.end), axis=0) / np.diff(solution.t)[:, None]
-    assert solution.acceleration(beam.end)[1:] == pytest.approx(mean)
 
 
 # -- Parts, starts --------------------------------------------------------------------------------
@@ -173,12 +158,3 @@ def test_orders_and_fractions_that_do_not_exist_are_refused():
     newmark = fb.Newmark()
     with pytest.raises(fb.SceneError, match="symmetric in time"):
         fb.Scheme("own", newmark.resultants, newmark.rates, (0.5, 0.5))
-
-
-def test_sub_steps_of_an_own_scheme_are_steps():
-    scene, _ = pinned_beam()
-    plain = fb.EnergyMomentum()
-    halves = fb.Scheme("halves", plain.resultants, plain.rates, fractions=(0.5, 0.5))
-    ours = fb.simulate(scene, halves, dt=0.02, t_end=0.2)
-    theirs = fb.simulate(scene, plain, dt=0.01, t_end=0.2)
-    assert abs(ours.q - theirs.q[::2]).max() < 1e-11

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, one_bar, supported_bar
+from scenes import clamped_bar, supported_bar
 
 import fx_beam as fb
 
@@ -97,14 +97,6 @@ def test_snow_weighs_by_the_length_below_it(points, degree):
     assert (left + right)[1] == pytest.approx(60 * 3, rel=1e-6)
     height = 4 if degree == 1 else 2  # up and down again
     assert (left + right)[0] == pytest.approx(-7 * height, rel=1e-6)
-
-
-def test_the_momentum_of_a_free_beam_is_the_impulse_of_a_load_on_its_part():
-    scene, beam = one_bar((3, 0), SECTION, elements=5)
-    scene.add_line_load(beam, lambda t: (0, 4 * t), between=(0.3, 1.0))
-    scene.add_force(beam.at(2.9), lambda t: (3 * t, 0))
-    motion = fb.simulate(scene, dt=0.01, t_end=0.5)
-    assert motion.linear_momentum[-1] == pytest.approx([3 * 0.125, 4 * 0.7 * 0.125], rel=1e-6)
 
 
 def test_a_beam_that_is_removed_takes_the_loads_at_its_places_with_it():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from derivatives import difference
+from derivatives import assert_orbit_slopes, differences
 from scenes import assert_refused, clamped_bar, guided_body, one_body
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
@@ -37,36 +37,6 @@ def forced(scene):
 
 def free(**options):
     return lambda scene: fb.periodic(scene, mode=0, steps=41, tolerance=1e-12, **options)
-
-
-def differences(function, x, part=1e-4):
-    """Central differences (..., m) of fourth order."""
-    columns = []
-    for unit, h in zip(np.eye(len(x)), part * np.maximum(abs(x), 0.1), strict=True):
-        columns.append(difference(lambda step, u=unit: function(x + step * u), h))
-    return np.moveaxis(np.array(columns), 0, -1)
-
-
-def check(run, x, tolerance, multipliers=True, part=1e-4):
-    """Jacobian and derivatives of multipliers against differences of other searches."""
-    x = np.array(x, float)
-    _, y = run(x)
-    slopes, sizes = run.jacobian(), dict.fromkeys(y, tolerance)
-    if multipliers:
-        slopes["multipliers"], sizes["multipliers"] = run.multipliers()[1], 1e-6
-
-    def rows(x):
-        """All that a search gives, in one row."""
-        values = run(x)[1]
-        if multipliers:
-            values = values | {"multipliers": run.multipliers()[0]}
-        return np.concatenate([np.ravel(values[name]) for name in slopes])
-
-    lengths = [slope.size // len(x) for slope in slopes.values()]
-    parts = np.split(differences(rows, x, part), np.cumsum(lengths)[:-1])
-    for (name, slope), by_x in zip(slopes.items(), parts, strict=True):
-        most = sizes[name] * abs(by_x).max() + 1e-8
-        assert slope.reshape(by_x.shape) == pytest.approx(by_x, abs=most), name
 
 
 # -- Against closed forms and another integrator --------------------------------------------------
@@ -154,13 +124,13 @@ def test_folds_have_the_frequency_and_the_derivatives_of_another_integrator(numb
 
 def test_a_forced_motion_has_exact_derivatives_at_all_times():
     run = fb.PeriodicResponse(lambda x: duffing(x, W / (2 * np.pi)), forced)
-    check(run, [1.0, 1.0, 0.2, 0.3], 2e-8)
+    assert_orbit_slopes(run, [1.0, 1.0, 0.2, 0.3], 2e-8)
 
 
 @pytest.mark.parametrize("chosen", [{"amplitude": 1.0}, {"energy": 0.75}])
 def test_a_free_motion_of_an_amplitude_or_energy_has_exact_derivatives(chosen):
     run = fb.PeriodicResponse(lambda x: duffing([*x, 0, 0]), free(**chosen))
-    check(run, [1.0, 1.2], 1e-6, multipliers=False)
+    assert_orbit_slopes(run, [1.0, 1.2], 1e-6, multipliers=False)
 
 
 @pytest.mark.parametrize("chosen", [{"amplitude": 0.5}, {"energy": -1.0}])
@@ -179,7 +149,7 @@ def test_a_free_motion_about_an_equilibrium_has_exact_derivatives(chosen):
     def motion(scene):
         return free(state=fb.static(scene), **chosen)(scene)
 
-    check(fb.PeriodicResponse(build, motion), [1.0, 1.0, 0.5], 1e-6)
+    assert_orbit_slopes(fb.PeriodicResponse(build, motion), [1.0, 1.0, 0.5], 1e-6)
 
 
 @pytest.mark.parametrize("chosen", ["energy", "amplitude"])
@@ -221,7 +191,7 @@ def test_natural_strains_count_in_the_energy_of_a_free_motion():
     def motion(scene):
         return free(state=fb.static(scene), energy=2.5)(scene)
 
-    check(fb.PeriodicResponse(build, motion), [0.9], 1e-6, multipliers=False)
+    assert_orbit_slopes(fb.PeriodicResponse(build, motion), [0.9], 1e-6, multipliers=False)
 
 
 def cantilever(x):
@@ -237,7 +207,7 @@ def test_a_beam_that_is_shaken_has_exact_derivatives(scheme):
     def motion(scene):
         return fb.periodic(scene, period=2.5, steps=41, scheme=scheme, tolerance=1e-12)
 
-    check(fb.PeriodicResponse(cantilever, motion), [1.0, 1.0, 1.0, 0.3], 1e-7)
+    assert_orbit_slopes(fb.PeriodicResponse(cantilever, motion), [1.0, 1.0, 1.0, 0.3], 1e-7)
 
 
 def test_natural_strains_have_exact_derivatives_also_at_the_start():
@@ -250,7 +220,7 @@ def test_natural_strains_have_exact_derivatives_also_at_the_start():
         scene.add_natural_strain(beam, curvature=lambda f, t: x[1] * f * (0.5 + np.cos(W * t)))
         return scene, {"tip": fb.Output("position", beam.end), "M": fb.Output("M", beam)}
 
-    check(fb.PeriodicResponse(build, forced), [1.1, 0.9], 1e-6, multipliers=False)
+    assert_orbit_slopes(fb.PeriodicResponse(build, forced), [1.1, 0.9], 1e-6, multipliers=False)
 
 
 def test_what_a_scheme_remembers_of_the_step_before_is_followed():
@@ -270,7 +240,9 @@ def test_what_a_scheme_remembers_of_the_step_before_is_followed():
         return fb.periodic(scene, scheme=scheme, period=2.5, steps=21, tolerance=1e-12)
 
     # With shorter differences the rounding errors of normal forces are as large as the tolerance.
-    check(fb.PeriodicResponse(build, motion), [1.0, 1.0, 1.0, 0.3, 0.1], 1e-7, part=1e-3)
+    assert_orbit_slopes(
+        fb.PeriodicResponse(build, motion), [1.0, 1.0, 1.0, 0.3, 0.1], 1e-7, part=1e-3
+    )
 
 
 def test_a_driven_linkage_whose_loop_changes_its_form_has_exact_derivatives():
@@ -298,7 +270,7 @@ def test_a_driven_linkage_whose_loop_changes_its_form_has_exact_derivatives():
     def motion(scene):
         return fb.periodic(scene, period=2 * np.pi / speed, steps=101, tolerance=1e-12)
 
-    check(fb.PeriodicResponse(build, motion), [1.0, 0.1], 1e-6)
+    assert_orbit_slopes(fb.PeriodicResponse(build, motion), [1.0, 0.1], 1e-6)
 
 
 def dry_friction(stiffness, steps):

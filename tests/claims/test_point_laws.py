@@ -70,6 +70,3 @@ def test_a_mass_on_springs_hangs_and_vibrates_as_linear_theory_says():
     c, s = 1 / r, y / r
     k = 2 * (400 * np.array([c**2, s**2]) + pull / r * np.array([s**2, c**2]))
     assert found == pytest.approx(np.sort(np.sqrt(k / 2.0)) / (2 * np.pi), rel=1e-6)
-
-
-# -- Refusals -------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import assert_refused, clamped_bar, pinned_bar, pinned_beam
+from scenes import assert_refused, clamped_bar, pinned_bar
 
 import fx_beam as fb
 
@@ -83,13 +83,6 @@ def test_full_turns_that_are_counted_apart_are_in_the_starts_of_parts_as_well():
     run = fb.simulate(scene, dt=0.1, t_end=110.0, record=fb.Record(every=50))  # 700 turns
     assert abs(run.rotation(arm.start)[-1]) > 1000.0
     assert run.resultants(arm).N[1:] == pytest.approx(CENTRIPETAL, rel=0.02)
-
-
-def test_the_level_of_whole_steps_is_their_middle():
-    scene, _ = pinned_beam()
-    solution = fb.simulate(scene, dt=0.01, t_end=0.2)
-    assert solution.stats.substeps == solution.stats.steps
-    assert solution.t_level[1:] == pytest.approx(solution.t[1:] - 0.005)
 
 
 # -- Resultants that depend on rates ---------------------------------------------------------------

@@ -58,23 +58,6 @@ def test_rows_do_not_depend_on_the_record_or_on_conditions(motion):
     assert same(ended.q[:-1], motion)
 
 
-def test_steps_one_by_one_are_those_of_a_run(motion):
-    newton = fb.NewtonOptions(max_turn=0.45)
-    stepped = fb.Motion(mechanism(), dt=DT, newton=newton, record=fb.Record())
-    for _ in range(STEPS):
-        stepped.step()
-    assert same(stepped.solution().q, motion)
-
-
-def test_a_motion_in_two_parts_has_the_times_and_steps_of_the_whole(motion):
-    # Before the first full turn, as states in files have all turns.
-    newton = fb.NewtonOptions(max_turn=0.45)
-    first = fb.simulate(mechanism(), dt=DT, t_end=5 * DT, newton=newton)
-    rest = fb.simulate(mechanism(), dt=DT, t_end=STEPS * DT, newton=newton, start=first)
-    assert np.array_equal(rest.t, motion.t[5:])
-    assert np.array_equal(rest.q, motion.q[5:])
-
-
 def test_full_turns_are_taken_out_after_the_same_steps():
     # The times of blocks are those of conditions and of single steps.
     scene, body = held_body((0, 0), mass=1.0, inertia=1.0)

@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 import scipy.linalg
-from scenes import clamped_bar, held_body, pinned_bar
+from scenes import clamped_bar, held_body
 
 import fx_beam as fb
 
@@ -153,18 +153,6 @@ def test_shaking_is_gravity_that_changes_the_other_way():
     assert rest.displacement(body)[-1] == pytest.approx([-2 * np.sin(0.5) * M / K, -1.5 * M / K])
     other.gravity = (0.0, -9.81)
     assert fb.static(other).displacement(body)[-1] == pytest.approx([0, -9.81 * M / K])
-
-
-def test_gravity_as_a_function_that_is_constant_moves_as_gravity():
-    motions = []
-    for gravity in ((1.0, -9.81), lambda t: (1.0, -9.81)):
-        section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
-        scene, beam = pinned_bar((1, 0), section, elements=3, degree=2, gravity=gravity)
-        scene.add_mass(beam.end, 0.7, 0.1)
-        motions.append(fb.simulate(scene, dt=0.01, t_end=1.0))
-    steady, over_time = motions
-    assert over_time.q == pytest.approx(steady.q, abs=1e-9)
-    assert over_time.energy.work == pytest.approx(-steady.energy.potential, abs=1e-9)
 
 
 def test_a_linear_system_has_the_base_as_an_input_and_is_the_frequency_response():

@@ -4,7 +4,6 @@ run that breaks off."""
 import csv
 import inspect
 import json
-import math
 import pickle
 
 import numpy as np
@@ -141,25 +140,6 @@ def test_tension_is_positive_and_carries_the_weight_that_hangs_below():
     assert r.N[-1] == pytest.approx(9.81 * (5.0 + 2.0 * (3 - r.s)), rel=1e-9)
     assert abs(r.Q[-1]).max() + abs(r.M[-1]).max() < 1e-9
     assert solution.reaction(beam.start)[-1, 1] == pytest.approx(9.81 * 11, rel=1e-9)
-
-
-def cantilever(direction=(1.0, 0.0), degree=1):
-    end = 2 * np.array(direction)
-    return clamped_bar(end, MASSLESS, elements=4, degree=degree)
-
-
-@pytest.mark.parametrize("angle", [0.0, 2.0])
-def test_resultants_of_a_tip_force_follow_from_equilibrium(angle):
-    """n = N t + Q W t is the force on the part before the section, in its own frame."""
-    c, s = math.cos(angle), math.sin(angle)
-    along, across, length = 1e-3, 2e-3, 2.0
-    scene, beam = cantilever((c, s), degree=2)
-    scene.add_force(beam.end, (c * along - s * across, s * along + c * across))
-    r = fb.static(scene, load_steps=1).resultants(beam)
-    assert r.N[1] == pytest.approx(np.full(8, along), rel=1e-4)
-    assert r.Q[1] == pytest.approx(np.full(8, across), rel=1e-4)
-    assert r.M[1] == pytest.approx(across * (length - r.s), rel=1e-4)
-    assert (r.N[0] == 0).all()
 
 
 def test_resultants_belong_to_the_elements_of_their_beam():
@@ -324,17 +304,6 @@ def test_what_is_not_recorded_is_in_no_file_and_no_table(left_out, tmp_path):
     header = (tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert ("tip x" in header) == (left_out != "motion")
     assert ("tip rotation rate" in header) == (left_out != "rates")
-
-
-def test_springs_and_beams_have_their_energies_apart():
-    scene, first, second, joint = pair("prismatic", spring=fb.Spring(20.0, rest=0.3))
-    scene.clamp(first.start)
-    solution = fb.simulate(scene, dt=0.01, t_end=0.3)
-    energy = solution.energy
-    in_springs = 20.0 / 2 * (solution.joint(joint).slide - 0.3) ** 2
-    assert energy.springs == pytest.approx(in_springs, rel=1e-9, abs=1e-12)
-    assert energy.strain[0] == 0 < energy.strain.max()
-    assert energy.total == pytest.approx(energy.kinetic + energy.strain + energy.springs)
 
 
 # -- Statistics: only what the scene needs ---------------------------------------------------

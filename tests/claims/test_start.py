@@ -70,18 +70,6 @@ def test_parts_of_steps_go_on_as_if_the_motion_had_not_ended(scheme, tmp_path):
 # -- Other steps, schemes, loads -------------------------------------------------------------------
 
 
-def test_another_scheme_finds_its_accelerations_anew():
-    scene, beam = pinned_beam(4)
-    options = {"dt": 0.0005, "newton": fb.NewtonOptions(tolerance=1e-12)}
-    first = fb.simulate(scene, dt=0.0005, t_end=0.05)
-    second = fb.simulate(scene, fb.Newmark(), t_end=0.1, start=first, **options)
-    whole = fb.simulate(scene, fb.Newmark(), t_end=0.1, **options)
-    assert second.position(beam.end)[-1] == pytest.approx(whole.position(beam.end)[-1], abs=0.1)
-    # Not the mean over the last step of the mid-point scheme, but what balances the forces.
-    close = whole.acceleration(beam.end)[100]
-    assert np.hypot(*(second.acceleration(beam.end)[0] - close)) < 0.02 * np.hypot(*close)
-
-
 @pytest.mark.parametrize("steps", [2, 3])
 @pytest.mark.parametrize("scheme", [fb.GeneralizedAlpha(0.5), fb.HHT()], ids=str)
 def test_another_rule_goes_on_from_rates_that_fit(scheme, steps):
@@ -170,22 +158,6 @@ def test_rates_of_massless_nodes_do_not_depend_on_the_load_steps_before(scheme):
         solution = fb.simulate(scene, scheme, dt=0.01, t_end=0.03, start=start)
         rates.append(solution.velocity(beam.nodes[1]))
     assert rates[0] == pytest.approx(rates[1], abs=1e-9)
-
-
-def test_a_beam_let_go_keeps_the_energy_that_bent_it():
-    scene, beam = clamped_bar((1, 0), FLYING, elements=4)
-    scene.add_force(beam.end, lambda t: (0.0, 60.0 if t <= 0 else 0.0))
-    bent = fb.static(scene, load_steps=10)
-    motion = fb.simulate(scene, dt=0.01, t_end=1.0, start=bent)
-    energy = motion.energy
-    assert energy.total[0] == bent.energy.strain[-1]
-    assert abs(energy.total - energy.total[0]).max() < 1e-11 * energy.total[0]
-    assert energy.kinetic.max() > 0.5 * energy.total[0]
-    thrown = fb.Scene()
-    arm = thrown.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
-    thrown.set_velocity(arm, (0.0, 2.0))
-    flight = fb.simulate(thrown, dt=0.01, t_end=0.1, start=bent)  # neither clamp nor force
-    assert flight.linear_momentum == pytest.approx(np.tile([0.0, 2.0], (11, 1)), abs=1e-9)
 
 
 def test_a_static_state_is_one_of_its_time():

@@ -7,6 +7,7 @@ import ufl
 
 import numpy as np
 import pytest
+from jointed import midpoint
 from registry import DATA, GRAVITY, ONES, SCENES, hung
 from scenes import assert_refused, clamped_bar, guided_body, hinged_body, pinned_bar, supported_bar
 from scipy.special import ellipk
@@ -430,17 +431,11 @@ def at_the_end(step, law):
     return fb.WeightedResultants(start, end, 1.0)
 
 
-def rule(D, v0, a0, before, dt):
-    path = ufl.as_vector((D[0], D[1], 2 * ufl.tan(D[2] / 2)))
-    v1 = 2 * path / dt - v0
-    return (v1 - v0) / dt, v1, (v1 - v0) / dt
-
-
 @pytest.mark.parametrize(
     ("scheme", "resultants", "rates"),
     [
         (fb.MidPoint(), at_mid_step, fb.MidPointRates()),
-        (fb.MidPoint(), at_mid_step, fb.NodalRates(rule)),
+        (fb.MidPoint(), at_mid_step, fb.NodalRates(midpoint)),
         (fb.Newmark(), at_the_end, fb.NewmarkRates(0.25, 0.5)),
     ],
     ids=["mid point", "nodal rates", "newmark"],

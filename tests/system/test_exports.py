@@ -69,40 +69,6 @@ def test_fields_pass_through_the_nodes_and_the_gauss_points(degree):
     assert found == pytest.approx(own, abs=1e-9)
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_moments_at_the_ends_of_elements_are_those_of_supports_free_ends_and_couples(
-    degree, tmp_path
-):
-    """In statics, also in large bending and after a file."""
-    section = fb.Section(EA=1e4, GA=1e4, EI=50.0)
-    scene, beam = clamped_bar((1.2, 1.6), section, elements=4, degree=degree, load=(3.0, -20.0))
-    scene.add_line_load(beam, lambda s: (0.0, -15.0 if s < 1.3 else 0.0), of="arc length")
-    scene.add_moment(beam.node(0.5), 7.0)
-    solution = fb.static(scene)
-    solution.save(tmp_path / "bent.npz")
-    assert abs(solution.rotation(beam.end)[-1]) > 0.5
-    clamp = -solution.reaction(beam.start)[-1, 2]
-    for known in (solution, fb.load(tmp_path / "bent.npz")):
-        ends = along_all(known, "M", [len(known.t) - 1], np.array([0.0, 1.0]))[0]
-        assert ends[0, 0] == pytest.approx(clamp, rel=1e-8)
-        assert ends[-1, 1] == pytest.approx(0.0, abs=1e-7)
-        assert ends[1:, 0] - ends[:-1, 1] == pytest.approx([0.0, -7.0, 0.0], abs=1e-7)
-
-
-def test_moments_at_the_ends_of_elements_in_a_motion_are_those_of_its_supports():
-    """Also with much rotary inertia, but for the small change of the strains over half a step."""
-    section = fb.Section(EA=1e4, GA=1e4, EI=50.0, rhoA=1.0, rhoI=0.5)
-    scene, beam = clamped_bar((2, 0), section, elements=4, load=(0.0, -10.0))
-    solution = fb.simulate(scene, dt=0.01, t_end=0.5)
-    ends = along_all(solution, "M", range(51), np.array([0.0, 1.0]))
-    most = abs(solution.reaction(beam.start)[:, 2]).max()
-    assert most > 10.0
-    # Row 0 is the start: its reactions are zero.
-    clamp = -solution.reaction(beam.start)[1:, 2]
-    assert ends[1:, 0, 0] == pytest.approx(clamp, abs=1e-4 * most)
-    assert ends[1:, -1, 1] == pytest.approx(np.zeros(50), abs=1e-4 * most)
-
-
 def test_the_energy_along_members_of_a_saved_solution_is_refused(tmp_path):
     fall().save(tmp_path / "run.npz")
     with pytest.raises(ValueError, match="needs its section, which a saved file does not hold"):
@@ -180,6 +146,3 @@ def test_a_missing_package_is_named_with_what_to_do(package, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(RuntimeError, match=f"to_{package} needs {package}: pip install {package}"):
         getattr(solution, f"to_{package}")()
-
-
-# -- HTML --------------------------------------------------------------------------------------

@@ -158,9 +158,9 @@ def motion_by(**options):
     return lambda: fb.simulate(scene, **{"t_end": 0.125} | options)
 
 
-def bent():
+def bent(**options):
     scene, arm = clamped_bar((1, 0), SECTION, elements=2, load=(0.0, 5.0))
-    return lambda: fb.static(scene, load_steps=3)
+    return lambda: fb.static(scene, load_steps=3, **options)
 
 
 RUNS = {
@@ -168,6 +168,7 @@ RUNS = {
     "turns": lambda: motion_by(dt=DT, t_end=0.4, scheme=fb.EnergyMomentum(order=4)),
     "tolerance": lambda: motion_by(tolerance=1e-2),
     "static": bent,
+    "arc length": lambda: bent(continuation="arc-length"),
 }
 
 

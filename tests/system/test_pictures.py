@@ -550,10 +550,11 @@ def test_pictures_are_returned_and_written_into_files_of_the_same_kinds(name, sw
 
 def test_a_film_has_marks_scenery_and_colours_and_is_white_elsewhere(swing, tmp_path):
     _, bar, solution = swing
-    drawn = []
+    drawn, counts = [], []
 
     def scenery(axes, k):
         drawn.append(k)
+        counts.append(len(axes.lines))
         lines = axes.plot([0, 1], [-1, -1])
         return lines if len(drawn) < 3 else None  # what is new is found
 
@@ -561,6 +562,7 @@ def test_a_film_has_marks_scenery_and_colours_and_is_white_elsewhere(swing, tmp_
     for colour in (None, "speed"):
         plot.animate(solution, tmp_path / f"{colour}.gif", rows=[0, 5, 10], colour=colour, **more)
     assert drawn == [0, 5, 10] * 2
+    assert len(set(counts[:3])) == len(set(counts[3:])) == 1
     plain, coloured = ((tmp_path / f"{colour}.gif").read_bytes() for colour in (None, "speed"))
     assert plain != coloured and min(len(plain), len(coloured)) > 5e3
     with Image.open(tmp_path / "speed.gif") as film:
@@ -609,20 +611,6 @@ def test_a_single_shape_has_its_time_in_the_title_and_no_scale_of_times(swing):
     figure = plot.shapes(solution, rows=[7])
     assert len(figure.axes) == 1
     assert figure.axes[0].get_title().endswith(f"t = {solution.t[7]:g} s")
-
-
-def test_scenery_need_not_return_what_it_adds(swing, tmp_path):
-    _, _, solution = swing
-    counts = []
-
-    def scenery(axes, k):
-        counts.append(len(axes.lines))
-        axes.plot([0, 1], [-1, -1])
-
-    plot.animate(solution, tmp_path / "film.gif", rows=[0, 5, 10], scenery=scenery)
-    assert len(set(counts)) == 1
-    with pytest.raises(fb.SceneError, match=r"scenery takes \(axes\); it must take \(axes, k\)"):
-        plot.animate(solution, tmp_path / "film.gif", scenery=lambda axes: [])
 
 
 def test_the_power_of_ten_of_the_ticks_is_not_where_a_film_has_its_time(tmp_path):
@@ -719,10 +707,6 @@ def test_a_motion_too_small_to_be_seen_is_said_with_a_factor(caplog):
     assert "magnify=100000 would show it" in caplog.text
 
 
-def test_a_picture_of_no_response_is_refused():
-    assert_refused("at least one", plot.frequency_response, {})
-
-
 @pytest.mark.parametrize(
     ("draw", "options", "words"),
     [
@@ -731,13 +715,13 @@ def test_a_picture_of_no_response_is_refused():
         ("shapes", {"magnify": 0}, "magnify = 0 must be a positive number"),
         ("shapes", {"thickness": -1}, "thickness = -1 must be a positive factor"),
         ("shapes", {"colour": "T"}, "colour = 'T' must be one of 'N', 'Q', 'M', 'strain en"),
-        ("animate", {"colour": "T", "path": "a.gif"}, "colour = 'T' must be one of 'N'"),
         ("shapes", {"colour_limits": (1, 1)}, "colour_limits = (1, 1) must be two finite numbers"),
         ("shapes", {"colour_limits": 3}, "colour_limits = 3 must be two finite numbers"),
         ("shapes", {"colour_limits": (0, 1), "colour_scale": "log"}, "both positive, on a log"),
         ("shapes", {"colour_scale": "cubic"}, "colour_scale = 'cubic' must be 'linear' or 'log'"),
         ("shapes", {"colour": None, "colour_limits": (0, 1)}, "must be given with a colour"),
         ("animate", {"colour": None, "colour_scale": "log", "path": "a.gif"}, "with a colour"),
+        ("animate", {"scenery": lambda axes: [], "path": "a.gif"}, "it must take (axes, k)"),
         ("animate", {"fps": 60, "path": "a.gif"}, "fps = 60 must be a whole number from 1 to 50"),
         ("diagrams", {"row": 99}, "rows of the solution"),
         ("shapes", {"times": [-1.0]}, "times of the solution, from 0 to"),
@@ -767,6 +751,7 @@ def test_scenes_that_cannot_be_drawn_are_refused():
     emptied.remove(beam)
     assert_refused("the scene has no beams; add one", plot.scene, emptied)
     assert_refused("needs an fx_beam.Scene, not 'scene'", plot.scene, "scene")
+    assert_refused("at least one", plot.frequency_response, {})
     with pytest.raises(fb.SceneError, match="mark 'A': Node.* is not a node of the scene"):
         plot.scene(scene, marks={"A": crane()[1].end})
     energy = lambda eps, gamma, kappa: eps**2 + gamma**2 + kappa**2  # noqa: E731

@@ -7,13 +7,11 @@ import sys
 
 import numpy as np
 import pytest
-from interrupting import call_stopped_at, lines_of
 from jointed import whirling
 from scenes import FLYING, clamped_bar
 
 import fx_beam as fb
 from fx_beam.motions import progress
-from fx_beam.motions.set_ups import RECENT
 
 # Without rounding, so that two runs may be equal to the last digit.
 DT = 1 / 16
@@ -106,31 +104,6 @@ def test_an_interrupted_part_of_a_step_goes_on_after_it():
 def loaded():
     scene, beam = clamped_bar((1, 0), FLYING, elements=3, load=(0.0, 50.0))
     return scene
-
-
-@pytest.mark.parametrize("continuation", [None, "arc-length"])
-def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch):
-    monkeypatch.setattr(RECENT, "size", 0)  # each run sets up a model of its own
-
-    def path():
-        return fb.static(loaded(), load_steps=5, continuation=continuation)
-
-    def stopped(place):
-        """The interrupt before a line; None if Python ignored it there."""
-        try:
-            call_stopped_at(place, path, how=raised)
-        except KeyboardInterrupt as stop:
-            return stop
-
-    whole, rows = path(), []
-    _, end = min(lines_of(path), lines_of(path))  # of which the last are those of the steps
-    for place in np.linspace(end / 2, end, 90):
-        stop = stopped(int(place))
-        if (first := getattr(stop, "solution", None)) is not None:
-            rows.append(len(first.t))
-            np.testing.assert_array_equal(first.q, whole.q[: rows[-1]])
-            assert first.stats.failure.kind == "interrupted" and stop.__notes__
-    assert any(1 < count < len(whole.t) for count in rows)
 
 
 # -- Bars --------------------------------------------------------------------------------------

@@ -47,26 +47,14 @@ def test_a_damaged_last_state_is_refused(name, damage, rope, tmp_path):
         fb.load(tmp_path / "other.npz")
 
 
-@pytest.mark.parametrize("name", ["t", "length"])
-def test_a_last_state_without_its_time_is_refused(name, rope, tmp_path):
-    rope[1].save(tmp_path / "run.npz")
-    with np.load(tmp_path / "run.npz") as file:
-        arrays = dict(file)
-    meta = json.loads(str(arrays["meta"]))
-    meta["end"][name] = np.nan
-    np.savez(tmp_path / "other.npz", **arrays | {"meta": np.array(json.dumps(meta))})
-    with pytest.raises(ValueError, match="other.npz is not a solution saved by fx_beam"):
-        fb.load(tmp_path / "other.npz")
-
-
-def edited(rope, path, **values):
-    """A file whose last state has other values in its text."""
+def edited(rope, path, end=None, **values):
+    """A file whose text has other values, also of its last state."""
     rope[1].save(path)
     with np.load(path) as file:
         arrays = dict(file)
     meta = json.loads(str(arrays["meta"]))
-    meta["end"] |= values
-    np.savez(path, **arrays | {"meta": np.array(json.dumps(meta))})
+    meta["end"] |= end or {}
+    np.savez(path, **arrays | {"meta": np.array(json.dumps(meta | values))})
     return path
 
 
@@ -75,27 +63,27 @@ def edited(rope, path, **values):
 def test_parts_of_a_last_state_of_another_kind_are_refused(name, value, rope, tmp_path):
     if value is None and name in ("constraints", "past"):
         return
-    path = edited(rope, tmp_path / "other.npz", **{name: value})
+    path = edited(rope, tmp_path / "other.npz", {name: value})
+    assert_refused("other.npz is not a solution saved by fx_beam", fb.load, path, error=ValueError)
+
+
+@pytest.mark.parametrize("name", ["t", "length"])
+def test_a_last_state_without_its_time_is_refused(name, rope, tmp_path):
+    path = edited(rope, tmp_path / "other.npz", {name: np.nan})
     assert_refused("other.npz is not a solution saved by fx_beam", fb.load, path, error=ValueError)
 
 
 @pytest.mark.parametrize("name", ["work", "dissipated", "numerical", "algorithmic"])
 def test_a_motion_does_not_go_on_from_sums_that_are_not_finite(name, rope, tmp_path):
-    start = fb.load(edited(rope, tmp_path / "other.npz", **{name: np.nan}))
+    start = fb.load(edited(rope, tmp_path / "other.npz", {name: np.nan}))
     with pytest.raises(fb.SceneError, match=f"start: {name} = nan .*not finite"):
         fb.simulate(rope[0], dt=1e-3, t_end=7e-3, start=start)
 
 
 def test_a_file_of_another_format_names_both(rope, tmp_path):
-    rope[1].save(tmp_path / "run.npz")
-    with np.load(tmp_path / "run.npz") as file:
-        arrays = dict(file)
-    meta = json.loads(str(arrays["meta"]))
-    known, other = meta["format"], "fx_beam solution 99"
-    text = np.array(json.dumps(meta | {"format": other}))
-    np.savez(tmp_path / "other.npz", **arrays | {"meta": text})
-    with pytest.raises(ValueError, match=f"{known!r}, but in {other!r}. Load it with a version"):
-        fb.load(tmp_path / "other.npz")
+    path = edited(rope, tmp_path / "other.npz", format="fx_beam solution 99")
+    text = r"'fx_beam solution \d+', but in 'fx_beam solution 99'. Load it with a version"
+    assert_refused(text, fb.load, path, error=ValueError)
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

@@ -68,12 +68,6 @@ def test_verdict_on_a_run_that_breaks_off(ratio, kinetic, kind):
     assert kinetic or (found.highest, found.lowest) == (1, 1)
 
 
-def test_work_and_weight_are_no_error_of_the_energy():
-    work, fall = np.linspace(0, 5, 11), np.linspace(0, -3, 11)
-    ratio = stability.energy_ratio(history(np.ones(11), work=work, potential=fall))
-    assert abs(ratio - 1).max() < 1e-15
-
-
 @pytest.mark.parametrize(
     ("acts", "ratio"),
     [

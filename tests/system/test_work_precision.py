@@ -43,26 +43,7 @@ def small(**change):
     return study(**usual | {"repetitions": 1} | change)
 
 
-def circle(t):
-    return np.column_stack([np.cos(t), np.sin(t)])
-
-
 # -- The error of a made-up solution is the one that was put in --------------------------------
-
-
-@pytest.mark.parametrize("size", [1e-9, 3.0])
-def test_error_of_a_path_is_its_largest_distance_over_the_paths_size(size):
-    bump = size * np.exp(-((T - 1.3) ** 2))[:, None] * [0.6, 0.8]
-    solution = SimpleNamespace(t=T)
-    found = error_of(lambda s: 5 * circle(s.t) + bump, lambda t: 5 * circle(t), solution)
-    assert found == approx(size * np.exp(-((T - 1.3) ** 2)).max() / 5, rel=1e-6)
-
-
-def test_a_quantity_with_times_of_its_own_is_compared_at_those():
-    solution = SimpleNamespace(t=T, t_level=T - 0.025)
-    assert error_of(lambda s: (s.t_level, np.cos(s.t_level)), np.cos, solution) < 1e-15
-    assert error_of(lambda s: np.cos(s.t_level), np.cos, solution) > 0.02
-    assert error_of(lambda s: (s.t[:9], circle(s.t[:9])), circle, solution) < 1e-15
 
 
 def test_a_quantity_that_is_not_there_has_no_error():
@@ -100,17 +81,6 @@ STEPS = [0.1, 0.2, 0.4, 0.8, 1.6]
 def test_the_order_is_that_of_errors_that_fall_steadily_and_are_no_round_off(errors, order):
     found = accuracy.observed_order(zip(STEPS, errors, strict=False), 1e-10)
     assert found == (None if order is None else approx(order))
-
-
-@pytest.mark.parametrize("order", [1, 4])
-def test_estimated_error_of_a_reference_bounds_the_true_one(order):
-    def solution(h):
-        return History(T, circle(T) * (1 + 3e-3 * h**order))
-
-    estimate = accuracy.computed("q", solution(0.1), solution(0.2)).error
-    true = 3e-3 * 0.1**order
-    assert true == approx(estimate / (2**order - 1), rel=1e-3)
-    assert true <= estimate * 1.001
 
 
 def test_estimated_error_of_a_computed_pendulum_bounds_its_distance_from_the_exact_one():
