@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from derivatives import EXACT, difference
+from derivatives import difference
 from scenes import clamped_bar, held_body, one_bar, one_body, pinned_bar
 
 import fx_beam as fb
@@ -119,54 +119,6 @@ def test_accelerations_at_the_start_have_slopes(build):
     for i, unit in enumerate(np.eye(2)):
         expected = difference(lambda h, u=unit: run(x + h * u)[1]["acceleration"][0], 1e-3)
         assert J["acceleration"][0, :, i] == pytest.approx(expected, rel=1e-7, abs=1e-7)
-
-
-def _stopped(target, obstacle):
-    return lambda x, scene, *beams: scene.add_contact(target(*beams), obstacle(x, *beams), 1e3)
-
-
-def _sprung(x, scene, beam, post):
-    scene.add_force_between(beam.end, post.end, spring=fb.Spring(50.0, rest=0.2))
-    scene.add_force_between(beam.nodes[1], (0, 1), spring=fb.Spring(20.0, rest=1.0))
-    scene.add_force_between(beam.end, (1.5 * x[1], 1), force=lambda length, rate, t: 3 * length)
-
-
-#: Obstacles and springs at places and in directions that depend on parameters.
-PLACED = {
-    "line": _stopped(
-        lambda beam, _: beam.end, lambda x, *_: fb.Line((0, -0.02 * x[0]), (0.1 * x[1], 1))
-    ),
-    "circle": _stopped(
-        lambda beam, _: beam.end, lambda x, *_: fb.Circle((1, -0.5 * x[0]), 0.4 * x[1])
-    ),
-    "carried": _stopped(
-        lambda beam, _: beam.end, lambda x, _, post: fb.Circle(post.end, 0.2 * x[1])
-    ),
-    "of a beam": _stopped(
-        lambda beam, _: beam, lambda x, *_: fb.Line((0, -0.02 * x[0]), (0.1 * x[1], 1))
-    ),
-    "springs": _sprung,
-}
-
-
-@pytest.mark.parametrize("place", PLACED.values(), ids=PLACED)
-def test_places_of_obstacles_and_springs_have_slopes(place):
-    def build(x):
-        section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
-        scene, beam = clamped_bar((1, 0), section, elements=3, gravity=(0, -9.81))
-        post = scene.add_beam([(1, -1), (1, -0.2 * x[0])], section, elements=1)
-        scene.clamp(post.start)
-        place(x, scene, beam, post)
-        return scene, {"end": fb.Output("position", beam.end)}
-
-    x = np.array([1.1, 0.9])
-    run = fb.Response(build, dt=0.005, t_end=0.2, newton=EXACT)
-    run(x)
-    J = run.jacobian()["end"]
-    assert run.stats.difference_reason == ""
-    for i, unit in enumerate(np.eye(2)):
-        expected = difference(lambda h, u=unit: run(x + h * u)[1]["end"], 1e-4)
-        assert abs(J[..., i] - expected).max() < 1e-6 * abs(expected).max()
 
 
 def test_functions_of_the_solution_stay_out_of_the_step_that_tells_accelerations():

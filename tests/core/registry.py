@@ -720,7 +720,8 @@ def line_obstacle_with_friction(x):
     scene = fb.Scene(gravity=GRAVITY)
     beam = scene.add_beam([(0, 0.001), (1, 0.2 * x[5])], section(x), 2)
     scene.set_velocity(beam, (1.0 * x[6], -1.0))
-    floor, friction = fb.Line((0, 0), (0, 1)), fb.Coulomb(0.3 * x[8], 500.0)
+    floor = fb.Line((0, 0.02 * (x[7] - 1)), (0.1 * (x[8] - 1), 1))
+    friction = fb.Coulomb(0.3 * x[8], 500.0)
     scene.add_contact(beam, floor, stiffness=1e3 * x[7], friction=friction)
     return scene
 
@@ -730,7 +731,7 @@ def circle_carried_by_a_body(x):
     scene = fb.Scene()
     wheel = scene.add_body((0.5, 0.65), mass=1.0 * x[3], inertia=0.05)
     beam = scene.add_beam([(0, 0), (1, 0)], section(x), 4)
-    rim = fb.Circle(wheel.centre, 0.6)
+    rim = fb.Circle(wheel.centre, 0.6 * x[8])
     scene.add_contact(beam, rim, stiffness=1e3 * x[7], restitution=0.8, speed=0.1)
     scene.set_velocity(wheel, (0.2, -2.0), spin=1.0)
     return scene
