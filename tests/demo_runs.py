@@ -49,8 +49,8 @@ _DRAWN = {}
 @functools.cache
 def numbers(name):
     """What a demo returns, once."""
-    found, _DRAWN[name] = demo(name).compute(**SMALL.get(name, {}))
-    return found
+    numbers, _DRAWN[name] = demo(name).compute(**SMALL.get(name, {}))
+    return numbers
 
 
 @functools.cache

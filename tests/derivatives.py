@@ -14,20 +14,20 @@ ENERGIES = "kinetic", "strain", "potential", "spring", "total", "dissipated"
 def outputs_of(scene, without=()):
     """All outputs of the first and last node, and of joints, beams and energies of a scene."""
     parts = {"first": scene.nodes[0], "last": scene.nodes[-1]}
-    found = {
+    outputs = {
         f"{kind} {name}": fb.Output(kind, node) for name, node in parts.items() for kind in OF_NODES
     }
     for joint in scene.joints[:3]:
         has = [kind for kind in OF_JOINTS if not lack(joint, kind)]
-        found |= {f"{kind} of joint {joint.number}": fb.Output(kind, joint) for kind in has}
-    found |= {
+        outputs |= {f"{kind} of joint {joint.number}": fb.Output(kind, joint) for kind in has}
+    outputs |= {
         f"{kind} of {beam.name}": fb.Output(kind, beam)
         for beam in scene.beams[:2]
         for kind in "NQM"
     }
-    found |= {kind: fb.Output(f"{kind}_energy", scene) for kind in ENERGIES}
-    found["work"] = fb.Output("work", scene)
-    return {name: output for name, output in found.items() if name not in without}
+    outputs |= {kind: fb.Output(f"{kind}_energy", scene) for kind in ENERGIES}
+    outputs["work"] = fb.Output("work", scene)
+    return {name: output for name, output in outputs.items() if name not in without}
 
 
 EXACT = fb.NewtonOptions(tolerance=1e-13)

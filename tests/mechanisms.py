@@ -177,12 +177,12 @@ def motion(numbers, units=(1.0, 1.0, 1.0), turn=0.0, split=False):
 
 def differences(seed, width=1.0):
     """Of a mechanism: its differences, relative to what is allowed, and the warnings it gave."""
-    numbers, found = random_numbers(seed, width), {}
+    numbers, errors = random_numbers(seed, width), {}
     size = max(
         np.hypot(*np.ptp([[p["start"], p["end"]] for p in numbers["parts"]], axis=(0, 1))), 1e-9
     )
     with warnings_of_the_package() as messages:
-        q, found["balance"] = motion(numbers)
+        q, errors["balance"] = motion(numbers)
         allowed = MOST * abs(q).max() + OF_SIZE * size
         variants = {
             "turned": {"turn": 1.0},
@@ -192,24 +192,24 @@ def differences(seed, width=1.0):
         }
         for name, how in variants.items():
             other, balance = motion(numbers, **how)
-            found[name] = abs(other - q).max() / allowed
-            found["balance"] = max(found["balance"], balance)
-    found["balance"] /= MOST
-    return found, messages
+            errors[name] = abs(other - q).max() / allowed
+            errors["balance"] = max(errors["balance"], balance)
+    errors["balance"] /= MOST
+    return errors, messages
 
 
 def main(first, last, width):
     wrong = refused = warned = 0
     for seed in range(first, last):
         try:
-            found, messages = differences(seed, width)
+            errors, messages = differences(seed, width)
         except (fb.SceneError, fb.StepError):
             refused += 1
             continue
         warned += bool(messages)
-        if max(found.values()) > 1 and not messages:
+        if max(errors.values()) > 1 and not messages:
             wrong += 1
-            print(seed, {name: f"{x:.1e}" for name, x in found.items()})
+            print(seed, {name: f"{x:.1e}" for name, x in errors.items()})
     print(
         f"{wrong} of {last - first} wrong without a warning; {warned} with one, {refused} refused"
     )

@@ -30,8 +30,8 @@ def prose(page):
 
 def formulas(page):
     """The formulas of a page in LaTeX: those on lines of their own, and those in lines."""
-    found = re.findall(r"\$\$(.*?)\$\$|\$([^$]+)\$", prose(page), flags=re.DOTALL)
-    return [block for block, _ in found if block], [inline for _, inline in found if inline]
+    formulas = re.findall(r"\$\$(.*?)\$\$|\$([^$]+)\$", prose(page), flags=re.DOTALL)
+    return [block for block, _ in formulas if block], [inline for _, inline in formulas if inline]
 
 
 def links(page):

@@ -83,8 +83,8 @@ class PlainStep:
         model, state, rates, dt = self.model, self.state, self.rates, self.interval.length
         if rules := model.forms.nodal_rules:
             past = state.q - (state.q if state.q_previous is None else state.q_previous)
-            given = (x[model.mesh.dofs] for x in (self.D, state.v, state.a, past))
-            rows = np.hstack([*given, np.full((len(model.mesh.dofs), 1), dt)])
+            increments = (x[model.mesh.dofs] for x in (self.D, state.v, state.a, past))
+            rows = np.hstack([*increments, np.full((len(model.mesh.dofs), 1), dt)])
             return rules[0].in_rows(rows)[:, :3].ravel()
         path, _ = rates.work_increment(self.D, model.mesh.turns)
         return rates.acceleration(path, state.v, state.a, dt)[0]
@@ -183,8 +183,8 @@ class PlainStep:
         axis[:2] -= z * (w @ (Dx[last] - Dx[first])[:2])
         if joint.turns_together and self.rates.turning:
             half, y, y_c = Dx[:, 2] / 2, mean @ Dx[:, 2] / 2, self.of(self.D, joint.b)[2] / 2
-            per = mean * np.cos(half) / np.sinc((half - y) / np.pi)
-            shares[2, :, 2] = per / per.sum()
+            scale = mean * np.cos(half) / np.sinc((half - y) / np.pi)
+            shares[2, :, 2] = scale / scale.sum()
             axis[2] *= np.sinc((y_c - y) / np.pi) / (np.cos(y_c) * np.cos(y))
         return gap, self.on_dofs(nodes, shares, axis)
 
@@ -202,8 +202,8 @@ class PlainStep:
             r[self.model.size + number[column]] -= force
         gaps, columns = self.held()
         driven = {number for number, name in self.motors if name == "slide"}
-        kept = np.setdiff1d(np.arange(len(r)), self.model.size + np.array([*driven], int))
-        r, columns = r[kept], columns[kept]
+        free_rows = np.setdiff1d(np.arange(len(r)), self.model.size + np.array([*driven], int))
+        r, columns = r[free_rows], columns[free_rows]
         multipliers = np.linalg.lstsq(columns, r, rcond=1e-12)[0]
         size = max(self.size, abs(multipliers).max(initial=0.0))
         return abs(gaps).max(initial=0.0), abs(r - columns @ multipliers).max() / (size or 1.0)
@@ -217,9 +217,9 @@ def assert_balanced(scene, scheme=None, *, dt, t_end, least=1e-10):
     scheme = scheme or fb.EnergyMomentum()
     prepared = Prepared(scene, Options(scheme=scheme, max_halvings=0))
     state, times = prepared.first_state(dt, None), dt * np.arange(round(t_end / dt) + 1)
-    for number, to in enumerate(times[1:]):
-        ends, interval = np.array([to]), Interval(state.t, float(to))
-        recorder = Recorder(prepared.model, np.array([state.t, to]), Record())
+    for number, end_time in enumerate(times[1:]):
+        ends, interval = np.array([end_time]), Interval(state.t, float(end_time))
+        recorder = Recorder(prepared.model, np.array([state.t, end_time]), Record())
         prepared.loop.record(state, recorder)
         end = prepared.stepper.advance(state, ends, 1, recorder)
         errors = PlainStep(prepared, state, interval).errors(end)

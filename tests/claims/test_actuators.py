@@ -162,8 +162,8 @@ def test_the_power_of_a_motor_on_a_slide_is_exact_and_without_its_spring(tmp_pat
     joint = scene.add_joint(fb.Prismatic(fb.GROUND, bar.start, (1, 0), **laws))
     solution = fb.simulate(scene, dt=1e-3, t_end=0.5)
     solution.save(tmp_path / "run.npz")
-    for found in (solution, fb.load(tmp_path / "run.npz")):
-        motion = found.joint(joint)
+    for known in (solution, fb.load(tmp_path / "run.npz")):
+        motion = known.joint(joint)
         work = np.cumsum(motion.motor_power * 1e-3)
         np.testing.assert_allclose(work, solution.energy.work, atol=1e-12 * work.max())
     # The motor pushes the bar and its spring; the joint is both of them.

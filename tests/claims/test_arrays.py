@@ -92,9 +92,9 @@ def moving(made):
 def test_a_function_of_time_may_fill_and_return_its_own_array(kind):
     run = {"dt": 0.01, "t_end": 0.3}
     expected = fb.simulate(moving(fresh), **run)
-    found = fb.simulate(moving(filled(kind)), **run)
-    assert (found.q == expected.q).all()
-    assert (found.energy.work == expected.energy.work).all()
+    solution = fb.simulate(moving(filled(kind)), **run)
+    assert (solution.q == expected.q).all()
+    assert (solution.energy.work == expected.energy.work).all()
     assert np.ptp(expected.displacement(expected.beams["beam 2"].end)[:, 1]) > 0.05
 
 
@@ -110,10 +110,10 @@ def test_functions_of_place_may_fill_and_return_their_own_array():
 
     run = {"dt": 0.01, "t_end": 0.1}
     expected = fb.simulate(build(fresh), **run)
-    found = fb.simulate(build(filled("array")), **run)
-    assert (found.X == expected.X).all() and np.ptp(expected.X[:, 0]) == pytest.approx(2.0)
-    assert (found.v == expected.v).all() and np.ptp(expected.v[0, :, 2]) > 0.5
-    assert (found.q == expected.q).all()
+    solution = fb.simulate(build(filled("array")), **run)
+    assert (solution.X == expected.X).all() and np.ptp(expected.X[:, 0]) == pytest.approx(2.0)
+    assert (solution.v == expected.v).all() and np.ptp(expected.v[0, :, 2]) > 0.5
+    assert (solution.q == expected.q).all()
 
 
 ARRAYS = "t", "t_level", "X", "q", "v", "a", "reactions", "slides", "joint_forces"

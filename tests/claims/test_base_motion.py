@@ -52,10 +52,10 @@ def test_a_beam_on_a_shaken_base_has_the_motion_of_euler_and_bernoulli(support):
         scene.fix(beam.end, "y")
     tip_mass = 0.05
     scene.add_mass(beam.end, tip_mass)
-    found = fb.frequency_response(
+    response = fb.frequency_response(
         scene, at=beam.node(0.5), frequencies=f, base=(0.0, 1.0)
     ).component("y")
-    for value, w in zip(found, 2 * np.pi * f, strict=True):
+    for value, w in zip(response, 2 * np.pi * f, strict=True):
         stiff = EI * (1 + 1j * w * tau)
         b = (rhoA * w**2 / stiff) ** 0.25
         # u = sum of c_i exp(r_i b s), with r = 1, -1, i, -i.
@@ -80,8 +80,8 @@ def test_a_pendulum_with_drag_hangs_on_a_shaken_pivot():
     state = fb.static(scene)
     w = 2 * np.pi * F
     exact = w**2 * m * L / (m * g * L + 1j * w * c * L**2 - w**2 * m * L**2)
-    found = fb.frequency_response(scene, at=hinge, frequencies=F, state=state, base=(1, 0))
-    assert found.component("angle") == pytest.approx(exact, rel=1e-6)
+    response = fb.frequency_response(scene, at=hinge, frequencies=F, state=state, base=(1, 0))
+    assert response.component("angle") == pytest.approx(exact, rel=1e-6)
     tip = fb.frequency_response(scene, at=beam.end, frequencies=F, state=state, base=(1, 0))
     assert tip.component("x") == pytest.approx(1 + L * exact, rel=1e-6)
     # Up and down nothing but the weight changes, to first order.
@@ -92,8 +92,8 @@ def test_a_pendulum_with_drag_hangs_on_a_shaken_pivot():
 def test_what_floats_stays_where_it_is():
     section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
     scene, beam = one_bar((1, 0.3), section, elements=4)
-    found = fb.frequency_response(scene, at=beam.end, frequencies=[0.1, 5.0], base=(1, 0.5))
-    assert abs(found.values).max() < 1e-9
+    response = fb.frequency_response(scene, at=beam.end, frequencies=[0.1, 5.0], base=(1, 0.5))
+    assert abs(response.values).max() < 1e-9
 
 
 def test_what_is_no_base_motion_is_refused():

@@ -85,7 +85,7 @@ def test_shallow_arches_snap_and_sway_at_their_loads(rise):
     limit = rise + np.sqrt(4 * (rise**2 - 1) ** 3 / 27)
     sway = rise + 3 * np.sqrt(rise**2 - 4)
     exact = np.array([sway, limit, 2 * rise - limit, 2 * rise - sway])
-    found = []
+    computed = []
     for radius in (2e-3, 1e-3):
         scene, _ = shallow_arch(rise, 1.2 * limit, radius=radius)
         path = fb.static(scene, load_steps=6, continuation="arc-length", max_steps=100)
@@ -95,8 +95,8 @@ def test_shallow_arches_snap_and_sway_at_their_loads(rise):
             sorted((1.2 * limit * p.load_factor for p in points if p.kind == kind), reverse=True)
             for kind in ("bifurcation", "limit point")
         )
-        found.append([bifurcations[0], *limits, bifurcations[1]])
-    errors = np.array(found) - exact
+        computed.append([bifurcations[0], *limits, bifurcations[1]])
+    errors = np.array(computed) - exact
     assert abs(errors[1]).max() < 1e-3 * limit
     assert abs(errors[0] - 4 * errors[1]).max() < 0.02 * abs(errors[0]).max()
 
@@ -203,15 +203,15 @@ def asymmetric():
 
 def test_an_asymmetric_bifurcation_is_found_and_followed_to_both_sides(asymmetric):
     scene, bar, load = asymmetric
-    found = [fb.static(scene, steps).critical_points for steps in (3, 7)]
-    assert [points[0].kind for points in found] == ["bifurcation"] * 2
-    factors = [points[0].load_factor for points in found]
+    computed = [fb.static(scene, steps).critical_points for steps in (3, 7)]
+    assert [points[0].kind for points in computed] == ["bifurcation"] * 2
+    factors = [points[0].load_factor for points in computed]
     assert 15 * np.array(factors) == pytest.approx(10.0, rel=3e-5)
     assert factors[0] == pytest.approx(factors[1], rel=1e-8)
     rises, stable = [], []
     for sign in (1, -1):
         how = {"load_steps": 10, "continuation": "arc-length", "max_steps": 12}
-        branch = fb.static(scene, start=found[0][0].branch(sign), **how)
+        branch = fb.static(scene, start=computed[0][0].branch(sign), **how)
         psi = branch.rotation(bar.end)[1:]
         assert 15 * branch.load_factor[1:] == pytest.approx(load(psi), rel=3e-5)
         rises.append(branch.load_factor[1] > branch.load_factor[0])
@@ -239,8 +239,8 @@ def test_a_tree_has_the_branches_of_its_branches():
     factors = [point.load_factor for point in path.critical_points]
     assert 15 * np.array(factors) == pytest.approx([10.0, 12.0], rel=3e-5)
     assert len(path.branches) == 4
-    of_first, of_second = path.branches[:2], path.branches[2:]
-    for branch in of_first:
+    first, second = path.branches[:2], path.branches[2:]
+    for branch in first:
         (point,) = branch.critical_points
         assert point.load_factor == pytest.approx(factors[1], rel=1e-7)
         assert branch.stable[1] and not branch.stable[-1]
@@ -251,7 +251,7 @@ def test_a_tree_has_the_branches_of_its_branches():
                 np.array([10.0, 12.0]) * abs(turned), rel=3e-5
             )
             assert last.stable.all() and not last.branches
-    for branch in of_second:
+    for branch in second:
         assert (branch.unstable_modes == 1).all() and not branch.branches
 
 

@@ -33,8 +33,8 @@ def slip(t, r, end):
     sign = np.sign(forces(t, r)[0])
 
     def rates(t, y):
-        along, most = forces(t, *y)
-        return y[1], along - sign * most
+        force, most = forces(t, *y)
+        return y[1], force - sign * most
 
     def stops(t, y):
         return sign * y[1] + 1e-12
@@ -128,13 +128,13 @@ def test_critical_damping_is_that_of_the_mass_which_the_spring_holds():
     bed = scene.add_beam([(8, 0), (9, 0)], BEAM, elements=4)
     scene.clamp(bed.start)
     scene.add_contact(ball, bed, stiffness=1e4, radius=0.1, friction=hit)
-    found = fb.simulate(scene, dt=1e-3, t_end=2e-3).stats.friction_damping
+    damping = fb.simulate(scene, dt=1e-3, t_end=2e-3).stats.friction_damping
     # The rider moves with the cart along x; of a cart and a ball the reduced mass counts.
     masses = [2.0 * 0.5**2 + 0.05, 3.0, 1 / (1 / 4.0 + 1 / 8.0), 1e4 * 0.125**2 / 4, 4.0]
     expected = [2 * sqrt(mass / 1e4) for mass in masses]
-    assert [low for low, _ in found.values()] == pytest.approx(expected, rel=1e-12)
+    assert [low for low, _ in damping.values()] == pytest.approx(expected, rel=1e-12)
     joints = [f"joint {pin.number} rotation", f"joint {rail.number} slide"]
-    assert [*found] == [*joints, *map(str, scene.contacts)]
+    assert [*damping] == [*joints, *map(str, scene.contacts)]
 
 
 def test_critical_damping_does_not_depend_on_the_order_of_bodies_and_joints():
@@ -161,8 +161,8 @@ def test_critical_damping_does_not_depend_on_the_order_of_bodies_and_joints():
             first.centre, fb.Line((0, -9), (0, 1)), 1e4, friction=fb.Coulomb(0.1, 1e4)
         )
         scene.add_force(last.centre, (3.0, 1.0))
-        found = fb.simulate(scene, dt=1e-4, t_end=1e-4).stats.friction_damping
-        return [found[key][0] for key in sorted(found, key=lambda key: number.get(key, 9))]
+        damping = fb.simulate(scene, dt=1e-4, t_end=1e-4).stats.friction_damping
+        return [damping[key][0] for key in sorted(damping, key=lambda key: number.get(key, 9))]
 
     orders = [[0, 1, 2, 3], [3, 1, 0, 2], [2, 3, 1, 0]]
     for free in (False, True):
@@ -172,8 +172,8 @@ def test_critical_damping_does_not_depend_on_the_order_of_bodies_and_joints():
         scene = fb.Scene(gravity=(0, -GRAVITY))
         a, b = (scene.add_body((0, 0), mass, inertia=0.1).centre for mass in masses)
         scene.add_joint(fb.Prismatic(a, b, axis=(1, 0), friction=fb.Coulomb(0.3, 1e4)))
-        ((found, _),) = fb.simulate(scene, dt=1e-3, t_end=1e-3).stats.friction_damping.values()
-        assert found == pytest.approx(2 * sqrt(5 / 6 / 1e4), rel=1e-12)
+        ((damping, _),) = fb.simulate(scene, dt=1e-3, t_end=1e-3).stats.friction_damping.values()
+        assert damping == pytest.approx(2 * sqrt(5 / 6 / 1e4), rel=1e-12)
 
 
 def test_critical_damping_is_the_same_in_all_directions():

@@ -90,8 +90,8 @@ def test_prestress_stays_while_the_loads_rise():
     scene, beam = column()
     two_hinges(scene, beam)
     scene.add_force(beam.end, (0, -1.0))
-    found = fb.buckling(scene, fb.static(tight), n=1).load_factors
-    assert found == pytest.approx([EULER + 5.0], rel=1e-5)
+    factors = fb.buckling(scene, fb.static(tight), n=1).load_factors
+    assert factors == pytest.approx([EULER + 5.0], rel=1e-5)
 
 
 def test_rigid_links_with_springs_buckle_as_their_two_by_two_matrix_says():

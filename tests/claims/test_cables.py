@@ -53,8 +53,8 @@ def test_a_slack_cable_hangs_as_a_catenary(shape, EI, load_steps):
 def test_a_slack_cable_hangs_as_a_catenary_along_an_arc_length(shape):
     section = fb.Section(EA=1e6, GA=5e5, EI=1e-4, rhoA=1.0)
     a, up = catenary(12.0, 10.0, 0.0)
-    found = hung(shape, section, 10, continuation="arc-length")
-    assert found == pytest.approx([G * a, G * up], rel=2e-3)
+    computed = hung(shape, section, 10, continuation="arc-length")
+    assert computed == pytest.approx([G * a, G * up], rel=2e-3)
 
 
 @pytest.mark.parametrize("load_steps", [1, 10])

@@ -21,10 +21,10 @@ def add_link(scene, start, end, inertia):
     return scene.add_body(middle, MASS, inertia, points={"start": start, "end": end})
 
 
-def chain(n, along=(1.0, 0.0), inertia=1e-3, hang=True, joint=fb.Revolute, **options):
+def chain(n, direction=(1.0, 0.0), inertia=1e-3, hang=True, joint=fb.Revolute, **options):
     """A chain of links from the origin, with the points at its end."""
     scene, last, ends = fb.Scene(gravity=(0, -GRAVITY) if hang else (0, 0)), None, []
-    step = LENGTH * np.array(along)
+    step = LENGTH * np.array(direction)
     for k in range(n):
         link = add_link(scene, tuple(k * step), tuple((k + 1) * step), inertia)
         if last is not None:
@@ -92,10 +92,10 @@ def test_a_long_chain_moves_as_lagrange_says():
     start, tight = np.zeros(2 * n), {"rtol": 1e-11, "atol": 1e-12}
     exact = scipy.integrate.solve_ivp(rates, (0, t_end), start, "DOP853", **tight)
     centres = [body.centre.number for body in scene.bodies]
-    found = fb.simulate(scene, fb.EnergyMomentum(order=4), dt=0.002, t_end=t_end)
-    assert "sparse" in found.stats.solver
-    assert found.q[-1, centres, 2] == pytest.approx(exact.y[:n, -1], abs=1e-7)
-    assert abs(found.energy.balance_error).max() < 1e-11 * MASS * n * GRAVITY * LENGTH
+    solution = fb.simulate(scene, fb.EnergyMomentum(order=4), dt=0.002, t_end=t_end)
+    assert "sparse" in solution.stats.solver
+    assert solution.q[-1, centres, 2] == pytest.approx(exact.y[:n, -1], abs=1e-7)
+    assert abs(solution.energy.balance_error).max() < 1e-11 * MASS * n * GRAVITY * LENGTH
 
 
 def four_bars(n):
@@ -161,11 +161,11 @@ def test_long_chains_and_loops_are_in_balance_and_stay_together(made):
     scene = MADE[made](n)
     run = {"dt": 0.005, "t_end": 0.05}
     assert_balanced(scene, **run)
-    found = fb.simulate(scene, **run)
-    assert found.stats.newton_iterations <= 4.5 * 10
-    energy = found.energy
+    solution = fb.simulate(scene, **run)
+    assert solution.stats.newton_iterations <= 4.5 * 10
+    energy = solution.energy
     assert abs(energy.balance_error).max() < 1e-11 * max(energy.kinetic.max(), 1.0)
-    assert max(found.joint(joint).gap.max() for joint in scene.joints) < 1e-13
+    assert max(solution.joint(joint).gap.max() for joint in scene.joints) < 1e-13
 
 
 def memory(scene):
@@ -235,9 +235,9 @@ def test_rings_of_any_number_of_links_move_wherever_they_are_cut(n):
     cut.add_joint(fb.Revolute(fb.GROUND, joints[0].b))
     for joint in (*joints[1:], joints[0]):
         cut.add_joint(fb.Revolute(joint.a, joint.b))
-    found, expected = (fb.simulate(scene, dt=0.005, t_end=0.05) for scene in (cut, ring(n)))
-    assert abs(found.q - expected.q).max() < 1e-9
-    assert abs(found.energy.balance_error).max() < 1e-11
+    solution, expected = (fb.simulate(scene, dt=0.005, t_end=0.05) for scene in (cut, ring(n)))
+    assert abs(solution.q - expected.q).max() < 1e-9
+    assert abs(solution.energy.balance_error).max() < 1e-11
 
 
 @pytest.mark.parametrize("lightest", [1.0, 1e-6])

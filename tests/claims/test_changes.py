@@ -246,12 +246,12 @@ def test_contacts_in_another_order_keep_their_springs_in_a_scene_built_anew(tmp_
     stretched = {x: first.contact(c).stretch[-1] for x, c in contacts.items()}
     assert all(abs(z).max() > 1e-5 for z in stretched.values())
 
-    on = fb.simulate(scene, dt=1e-3, t_end=0.06, start=first)
+    onward = fb.simulate(scene, dt=1e-3, t_end=0.06, start=first)
     anew, others = wheels((0.75, 0.25))
     second = fb.simulate(anew, dt=1e-3, t_end=0.06, start=fb.load(tmp_path / "first.npz"))
     for x, contact in others.items():
         assert (second.contact(contact).stretch[0] == stretched[x]).all()
-        apart = second.contact(contact).normal - on.contact(contacts[x]).normal
+        apart = second.contact(contact).normal - onward.contact(contacts[x]).normal
         assert abs(apart[1:]).max() < 1e-8  # in row 0 is the step before
     assert abs(second.energy.balance_error).max() < 1e-12
 

@@ -439,8 +439,8 @@ def end_above_a_peg(**options):
 @pytest.mark.parametrize("load_steps", [1, 2, 5])
 def test_few_load_steps_do_not_pass_a_small_circle(load_steps, continuation):
     """The equilibrium behind it is not on the path."""
-    found = end_above_a_peg(load_steps=load_steps, continuation=continuation)
-    assert found == pytest.approx(end_above_a_peg(load_steps=100), abs=1e-9)
+    computed = end_above_a_peg(load_steps=load_steps, continuation=continuation)
+    assert computed == pytest.approx(end_above_a_peg(load_steps=100), abs=1e-9)
 
 
 @pytest.mark.parametrize("continuation", [None, "arc-length"])

@@ -28,12 +28,17 @@ def exact():
 def test_the_error_of_the_quantity_is_below_the_tolerance_and_the_estimate_says_so(
     tolerance, exact
 ):
-    found = fb.converge(cantilever, tip, tolerance, t_end=0.4)
-    error = abs(found.value - exact).max()
+    convergence = fb.converge(cantilever, tip, tolerance, t_end=0.4)
+    error = abs(convergence.value - exact).max()
     assert error < tolerance
-    assert error / 3 < found.error == found.step_error + found.mesh_error <= tolerance
-    assert (found.value == tip(found.solution)).all()
-    assert found.runs >= 4 and found.steps > found.solution.stats.steps
+    assert (
+        error / 3
+        < convergence.error
+        == convergence.step_error + convergence.mesh_error
+        <= tolerance
+    )
+    assert (convergence.value == tip(convergence.solution)).all()
+    assert convergence.runs >= 4 and convergence.steps > convergence.solution.stats.steps
 
 
 def test_the_larger_of_the_two_errors_is_refined():
@@ -43,9 +48,9 @@ def test_the_larger_of_the_two_errors_is_refined():
         scene, bar = pinned_bar((0.5, 0), section, elements, degree, name="arm", gravity=(0, -9.81))
         return scene
 
-    found = fb.converge(scene_of, tip, 2e-5, t_end=0.6, elements=2)
-    assert found.elements == 4 and found.tolerance < 1e-3
-    assert found.mesh_error < found.step_error
+    convergence = fb.converge(scene_of, tip, 2e-5, t_end=0.6, elements=2)
+    assert convergence.elements == 4 and convergence.tolerance < 1e-3
+    assert convergence.mesh_error < convergence.step_error
 
 
 def test_a_small_change_between_two_runs_may_be_chance():
@@ -55,8 +60,8 @@ def test_a_small_change_between_two_runs_may_be_chance():
     def quantity(solution):
         return values[len(solution.beams["arm"].s) - 1]
 
-    found = fb.converge(cantilever, quantity, 0.03, t_end=0.01)
-    assert found.error < 0.03 and abs(found.value - 4 / 3) < found.error
+    convergence = fb.converge(cantilever, quantity, 0.03, t_end=0.01)
+    assert convergence.error < 0.03 and abs(convergence.value - 4 / 3) < convergence.error
     rough = fb.converge(cantilever, quantity, 0.1, t_end=0.01)  # an eighth of the first error
     assert rough.error == 0.5 / 8
 

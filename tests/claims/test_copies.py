@@ -166,8 +166,8 @@ def test_a_copied_solution_gives_all_that_the_original_gives(copied):
     )
     for beam in scene.beams:
         for part in ("s", "N", "Q", "M"):
-            found = getattr(other.resultants(beam), part)
-            assert (found == getattr(solution.resultants(beam), part)).all()
+            computed = getattr(other.resultants(beam), part)
+            assert (computed == getattr(solution.resultants(beam), part)).all()
         assert (other.shape(beam) == solution.shape(beam)).all()
         # By the beams and nodes that the copy has itself, too.
         own = other.beams[beam.name]

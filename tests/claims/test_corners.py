@@ -163,10 +163,10 @@ def test_no_load_step_reaches_the_other_branch_of_a_column(side=1e-5):
     scene.add_force(column.end, (-1.3 * np.pi**2 / 4, side))
     for steps in (1, 3, 10):
         try:
-            found = fb.static(scene, steps)
+            path = fb.static(scene, steps)
         except fb.StepError as error:
-            found = error.solution
-        assert found.position(column.end)[-1, 1] > -1e-3
+            path = error.solution
+        assert path.position(column.end)[-1, 1] > -1e-3
 
 
 def test_the_path_of_an_arch_passes_its_bifurcation_with_a_law_of_its_own_too():

@@ -268,5 +268,5 @@ def test_a_load_depends_on_parameters_at_the_time_of_the_path():
         run([1.0])
         return run.jacobian()["load"]
 
-    of_time = jacobian(lambda x: lambda t: 60 * t * x)
-    assert of_time == pytest.approx(jacobian(lambda x: 30 * x), rel=1e-8)
+    steady = jacobian(lambda x: lambda t: 60 * t * x)
+    assert steady == pytest.approx(jacobian(lambda x: 30 * x), rel=1e-8)

@@ -160,8 +160,8 @@ def test_a_pivot_that_is_zero_is_no_bifurcation():
     scene.add_joint(fb.Revolute(one["A"], two["A"], spring=fb.Spring(1.0)))
     scene.add_force(two.centre, (-3.0, 0))
     path = fb.static(scene, load_steps=6)
-    found = [3 * point.load_factor for point in path.critical_points]
-    assert found == pytest.approx([(3 - 5**0.5) / 2, (3 + 5**0.5) / 2], rel=1e-9)
+    points = [3 * point.load_factor for point in path.critical_points]
+    assert points == pytest.approx([(3 - 5**0.5) / 2, (3 + 5**0.5) / 2], rel=1e-9)
     assert path.unstable_modes.tolist() == [0, *[1] * 5, 2]
 
 
@@ -267,10 +267,10 @@ def test_a_column_between_walls_buckles_as_if_they_were_away():
     for side in (0.02, -0.02):
         wall = fb.Line((side, 0), (-side, 0))
         scene.add_contact(scene.beams[0], wall, stiffness=1e4)
-    found = fb.static(scene, load_steps=6).critical_points
-    assert [point.kind for point in found] == ["bifurcation"] * 2
+    points = fb.static(scene, load_steps=6).critical_points
+    assert [point.kind for point in points] == ["bifurcation"] * 2
     factors = [point.load_factor for point in free]
-    assert [point.load_factor for point in found] == pytest.approx(factors, rel=1e-9)
+    assert [point.load_factor for point in points] == pytest.approx(factors, rel=1e-9)
 
 
 def test_a_heated_column_that_cannot_expand_buckles_beside_an_open_contact():
@@ -463,15 +463,15 @@ def test_long_steps_find_the_bifurcation_of_short_ones_beside_an_open_contact(wa
     scene.add_joint(fb.Revolute(half.end, other["top"]))
     scene.add_joint(fb.Revolute(half.end, post.start))
     scene.fix(other["foot"], "y")
-    for node, to, stiffness in (
+    for node, anchor, stiffness in (
         (half.start, other["foot"], 2500.0),
         (half.end, (1, -1), 44.0),
         (post.end, (-1, 0.85), 106.0),
         (post.end, (3, 0.85), 121.0),
     ):
-        place = to if isinstance(to, tuple) else (to.x, to.y)
+        place = anchor if isinstance(anchor, tuple) else (anchor.x, anchor.y)
         rest = np.hypot(place[0] - node.x, place[1] - node.y)
-        scene.add_force_between(node, to, spring=fb.Spring(stiffness, rest=rest))
+        scene.add_force_between(node, anchor, spring=fb.Spring(stiffness, rest=rest))
     scene.add_force(post.end, (0.0, -200.0))
     if wall:
         scene.add_contact(half.end, fb.Line((0, -0.8), (0, 1)), stiffness=1e4)

@@ -48,9 +48,9 @@ def test_elements_of_an_arc_divide_its_circle_and_meet_it_at_their_lobatto_point
 
     curve = fb.arc(point(0), point(0.3 * sweep), point(sweep))
     scene, arc = one_bar(curve, FLYING, elements=5, degree=degree)
-    found, places = at_lobatto_points(arc)
+    computed, places = at_lobatto_points(arc)
     exact = [[point(sweep * (k + (1 + x) / 2) / 5) for x in places] for k in range(5)]
-    assert abs(found - exact).max() < 1e-12
+    assert abs(computed - exact).max() < 1e-12
     ends = [(node.x, node.y) for node in arc.nodes]
     assert abs(ends - np.array([point(sweep * k / 5) for k in range(6)])).max() < 1e-12
     assert arc.s == pytest.approx(2 * sweep * np.arange(6) / 5, rel=1e-12)
@@ -114,13 +114,13 @@ def test_breaks_help_to_measure_and_change_nothing():
         calls += 1
         return f, abs(f - 1 / 3)
 
-    found = []
+    lengths = []
     for breaks in ((), (1 / 3,), [0.0, 1 / 3, 1.0]):
         calls = 0
         beam = fb.Scene().add_beam(fb.Curve(function, breaks=breaks), FLYING, elements=6)
-        found.append((calls, beam.length))
-    assert found[0][1] == pytest.approx(found[1][1], rel=1e-11)
-    assert found[1] == found[2] and found[1][0] < 0.1 * found[0][0]
+        lengths.append((calls, beam.length))
+    assert lengths[0][1] == pytest.approx(lengths[1][1], rel=1e-11)
+    assert lengths[1] == lengths[2] and lengths[1][0] < 0.1 * lengths[0][0]
 
 
 def splined(count):
@@ -210,14 +210,14 @@ def tip_per_force(degree, elements, thickness, curve="arc", force=1e-4):
         bent = (1 - x) ** 2 / section.EI * (dx**2 + dy**2)
         return (bent + dy**2 / section.EA + dx**2 / section.GA) / math.hypot(dx, dy)
 
-    found = 0.0
+    values = 0.0
     # Their sum is linear to fifth order.
     for factor, weight in ((1, 2 / 3), (-1, 2 / 3), (2, -1 / 6), (-2, -1 / 6)):
         scene, beam = clamped_bar(function, section, elements=elements, degree=degree)
         scene.add_force(beam.end, (0, factor * force))
         tip = fb.static(scene, load_steps=1).displacement(beam.end)[-1, 1]
-        found += weight * tip / (factor * force)
-    return found / quad(work, 0, 1, epsabs=1e-13)[0] - 1
+        values += weight * tip / (factor * force)
+    return values / quad(work, 0, 1, epsabs=1e-13)[0] - 1
 
 
 @pytest.mark.parametrize(("degree", "curve"), [(1, "arc"), (2, "parabola"), (3, "arc")])

@@ -53,15 +53,15 @@ def frame(c, elements=14, tau=0.0, free=False, drag=0.0):
 
 @pytest.mark.parametrize("ratio", [0.15, 2.0, 50.0])
 def test_an_oscillator_has_the_roots_of_the_textbook(ratio):
-    found = fb.modes(oscillator(20.0 * ratio))
-    assert len(found) == 1
-    assert found.angular_frequencies == pytest.approx([10.0], rel=1e-9)
-    assert found.damping_ratios == pytest.approx([ratio], rel=1e-9)
+    modes = fb.modes(oscillator(20.0 * ratio))
+    assert len(modes) == 1
+    assert modes.angular_frequencies == pytest.approx([10.0], rel=1e-9)
+    assert modes.damping_ratios == pytest.approx([ratio], rel=1e-9)
     # Of two real roots the slower one.
     root = 10 * (-ratio + np.emath.sqrt(ratio**2 - 1))
-    assert found.eigenvalues == pytest.approx([root], rel=1e-9)
-    assert found.overdamped.tolist() == [ratio > 1]
-    assert str(found).endswith("overdamped") == (ratio > 1)
+    assert modes.eigenvalues == pytest.approx([root], rel=1e-9)
+    assert modes.overdamped.tolist() == [ratio > 1]
+    assert str(modes).endswith("overdamped") == (ratio > 1)
 
 
 # With 8 elements by the whole space, with 40 by a subspace.
@@ -69,28 +69,28 @@ def test_an_oscillator_has_the_roots_of_the_textbook(ratio):
 def test_retardation_alone_damps_each_mode_by_half_of_tau_omega(elements, free, rhoI):
     tau = 4e-3
     scene = supported(tau, elements, free, rhoI)
-    found, plain = fb.modes(scene, n=9), fb.modes(scene, n=9, damping=False)
-    assert found.rigid.tolist() == plain.rigid.tolist()
-    assert found.angular_frequencies == pytest.approx(plain.angular_frequencies, rel=1e-8)
-    assert found.damping_ratios == pytest.approx(tau * plain.angular_frequencies / 2, rel=1e-8)
-    assert 0 < found.overdamped.sum() < 9
+    modes, plain = fb.modes(scene, n=9), fb.modes(scene, n=9, damping=False)
+    assert modes.rigid.tolist() == plain.rigid.tolist()
+    assert modes.angular_frequencies == pytest.approx(plain.angular_frequencies, rel=1e-8)
+    assert modes.damping_ratios == pytest.approx(tau * plain.angular_frequencies / 2, rel=1e-8)
+    assert 0 < modes.overdamped.sum() < 9
     # The shapes are the real ones.
     size = abs(plain.shapes).max()
-    assert abs(found.shapes.imag).max() < 1e-5 * size
-    assert abs(abs(found.shapes[3:6]) - abs(plain.shapes[3:6])).max() < 1e-5 * size
+    assert abs(modes.shapes.imag).max() < 1e-5 * size
+    assert abs(abs(modes.shapes[3:6]) - abs(plain.shapes[3:6])).max() < 1e-5 * size
 
 
 def test_double_modes_of_a_ring_are_both_found():
     scene, half = one_bar(fb.arc((1, 0), (0, 1), (-1, 0)), section(0.002), elements=12, degree=2)
     lower = fb.arc(half.end, (0, -1), half.start)
     scene.add_beam(lower, section(0.002), elements=12, degree=2)
-    found = fb.modes(scene, n=9)
-    assert found.rigid.sum() == 3
-    pairs = found.angular_frequencies[3:].reshape(3, 2)
+    modes = fb.modes(scene, n=9)
+    assert modes.rigid.sum() == 3
+    pairs = modes.angular_frequencies[3:].reshape(3, 2)
     assert pairs[:, 0] == pytest.approx(pairs[:, 1], rel=1e-6)
     # Any two shapes of their plane are modes of an equal root, and round-off decides which: an
     # overlap above 0.9 was seen. They must not be the same shape twice.
-    pair = found.shapes.reshape(9, -1)[3:5]
+    pair = modes.shapes.reshape(9, -1)[3:5]
     pair = pair / np.linalg.norm(pair, axis=1)[:, None]
     assert np.linalg.svd(pair, compute_uv=False)[1] > 1e-3
 
@@ -103,17 +103,17 @@ def test_members_under_compression_have_the_roots_of_the_stressed_beam():
     N = -1.5 * math.pi**2 * EI
     scene.add_force(beam.end, (N, 0))
     state = fb.static(scene)
-    found = fb.modes(scene, state, n=3)
+    modes = fb.modes(scene, state, n=3)
     k = math.pi * np.arange(1, 4)
     c, stiffness = tau * EI * k**4, EI * k**4 + N * k**2
     exact = (-c + np.emath.sqrt(c**2 - 4 * stiffness)) / 2
-    assert found.eigenvalues == pytest.approx(exact, rel=2e-3)
-    assert found.unstable.tolist() == [True, False, False]
-    assert found.frequencies[0] == pytest.approx(-exact[0].real / (2 * math.pi), rel=2e-3)
-    assert np.isnan(found.damping_ratios[0]) and "unstable" in str(found)
+    assert modes.eigenvalues == pytest.approx(exact, rel=2e-3)
+    assert modes.unstable.tolist() == [True, False, False]
+    assert modes.frequencies[0] == pytest.approx(-exact[0].real / (2 * math.pi), rel=2e-3)
+    assert np.isnan(modes.damping_ratios[0]) and "unstable" in str(modes)
     # Damping slows the growth.
     plain = fb.modes(scene, state, n=3, damping=False)
-    assert found.eigenvalues[0].real < 0.99 * plain.eigenvalues[0].real
+    assert modes.eigenvalues[0].real < 0.99 * plain.eigenvalues[0].real
 
 
 @pytest.mark.parametrize("drag", [0.0, 0.2])
@@ -121,14 +121,14 @@ def test_fewer_modes_than_rigid_ones_are_rigid(drag):
     # A drag on a part of it: the roots at zero are simple instead of double.
     scene = frame(c=0.3, elements=4, free=True, drag=drag)
     for n in (1, 3, 4):
-        found = fb.modes(scene, n=n)
-        assert found.rigid.tolist() == ([True] * 3 + [False])[:n]
+        modes = fb.modes(scene, n=n)
+        assert modes.rigid.tolist() == ([True] * 3 + [False])[:n]
 
 
 def test_a_free_mass_with_a_damper_is_a_rigid_mode():
-    found = fb.modes(oscillator(3.0, k=0.0))
-    assert len(found) == 1 and found.rigid.all()
-    assert found.eigenvalues == 0
+    modes = fb.modes(oscillator(3.0, k=0.0))
+    assert len(modes) == 1 and modes.rigid.all()
+    assert modes.eigenvalues == 0
 
 
 def standard_solid(m, k, series, c, c_of_mass=0.0, elements=1):
@@ -138,12 +138,12 @@ def standard_solid(m, k, series, c, c_of_mass=0.0, elements=1):
     """
     scene = fb.Scene()
     rod = fb.Section(EA=1e4, GA=1e4, EI=1e4)
-    mass, between = (scene.add_beam([(x, 0), (x, 1)], rod, elements=1) for x in (0, 1))
-    of_mass = fb.Damper(c_of_mass) if c_of_mass else None
-    ends = (mass.start, fb.Spring(k), of_mass), (between.start, None, fb.Damper(c))
+    mass, link = (scene.add_beam([(x, 0), (x, 1)], rod, elements=1) for x in (0, 1))
+    mass_damper = fb.Damper(c_of_mass) if c_of_mass else None
+    ends = (mass.start, fb.Spring(k), mass_damper), (link.start, None, fb.Damper(c))
     for node, spring, damper in ends:
         scene.add_joint(fb.Prismatic(fb.GROUND, node, axis=(1, 0), spring=spring, damper=damper))
-    scene.add_force_between(mass.start, between.start, spring=fb.Spring(series))
+    scene.add_force_between(mass.start, link.start, spring=fb.Spring(series))
     scene.add_mass(mass.start, m)
     chain = scene.add_beam([(0, 5), (1, 5)], section(), elements=elements, degree=1)
     scene.clamp(chain.start)
@@ -162,9 +162,9 @@ def test_a_node_without_mass_that_relaxes_is_no_mode(series, c, c_of_mass, eleme
     A real one alone has no frequency and no ratio; two real ones are those of an overdamped mode.
     """
     scene = standard_solid(1.0, 100.0, series, c, c_of_mass, elements)
-    found, plain = (fb.modes(scene, n=4, damping=damping) for damping in (True, False))
-    assert len(found) == len(plain)
-    (root,) = (s for s in found.eigenvalues if s.real < -1e-9)
+    modes, plain = (fb.modes(scene, n=4, damping=damping) for damping in (True, False))
+    assert len(modes) == len(plain)
+    (root,) = (s for s in modes.eigenvalues if s.real < -1e-9)
     by_s = c * (100.0 + series) + series * c_of_mass
     roots = np.roots([c, series + c * c_of_mass, by_s, 100.0 * series])
     vibrates = roots.imag > 0
@@ -183,14 +183,14 @@ def test_a_node_without_mass_that_relaxes_is_no_mode(series, c, c_of_mass, eleme
 )
 def test_modes_with_local_dampers_are_those_of_dense_algebra(options):
     scene = frame(**options)
-    found = fb.modes(scene, n=8)
+    modes = fb.modes(scene, n=8)
     roots = np.linalg.eigvals(fb.linearise(scene).A)
-    moving = found.eigenvalues[~found.rigid]
+    moving = modes.eigenvalues[~modes.rigid]
     distance = abs(roots - moving[:, None]).min(axis=1) / abs(moving)
     assert distance.max() < 1e-6
-    assert found.rigid.sum() == (3 if "free" in options else 0)
+    assert modes.rigid.sum() == (3 if "free" in options else 0)
     # Each vibration below the highest one is there, once.
-    highest = abs(moving[~found.overdamped[~found.rigid]]).max()
+    highest = abs(moving[~modes.overdamped[~modes.rigid]]).max()
     vibrations = roots[(roots.imag > 1e-6 * abs(roots)) & (abs(roots) < (1 + 1e-6) * highest)]
     vibrations = vibrations[abs(vibrations) > 1e-3]  # double zeros of rigid modes, split
     assert len(vibrations) == (moving.imag > 0).sum()
@@ -207,17 +207,17 @@ def test_a_part_of_many_modes_is_the_same_as_all():
 
 
 def test_a_shape_moves_through_its_phases():
-    found = fb.modes(frame(c=0.3, elements=4), n=3)
+    modes = fb.modes(frame(c=0.3, elements=4), n=3)
     post = "beam 1"
-    rest = found.positions[found.nodes_of_beam[post]]
+    rest = modes.positions[modes.nodes_of_beam[post]]
     start, quarter, half = (
-        found.shape(post, 1, 0.1, phase) - rest for phase in (0, np.pi / 2, np.pi)
+        modes.shape(post, 1, 0.1, phase) - rest for phase in (0, np.pi / 2, np.pi)
     )
     assert half == pytest.approx(-start, abs=1e-12)
     assert abs(quarter).max() > 1e-3
     everywhere = [
-        np.hypot(*(found.shape(name, 1, 0.1, phase) - found.positions[nodes]).T).max()
-        for name, nodes in found.nodes_of_beam.items()
+        np.hypot(*(modes.shape(name, 1, 0.1, phase) - modes.positions[nodes]).T).max()
+        for name, nodes in modes.nodes_of_beam.items()
         for phase in np.linspace(0, np.pi, 181)
     ]
     assert max(everywhere) == pytest.approx(0.1, rel=1e-3)
@@ -242,6 +242,6 @@ def test_what_has_neither_mass_nor_damping_adds_no_modes_in_any_unit_of_mass():
         car = scene.add_body((0.7, 0.1), unit, 0.05 * unit, points={"foot": (0.62, 0)})
         spring = fb.Spring(100 * unit, rest=0.62)
         scene.add_joint(fb.Sleeve(rail, car["foot"], spring=spring, damper=fb.Damper(2 * unit)))
-        found, plain = fb.modes(scene, n=60), fb.modes(scene, n=60, damping=False)
-        assert len(found) == len(plain) and not found.unstable.any()
-        assert found.angular_frequencies == pytest.approx(plain.angular_frequencies, rel=0.01)
+        modes, plain = fb.modes(scene, n=60), fb.modes(scene, n=60, damping=False)
+        assert len(modes) == len(plain) and not modes.unstable.any()
+        assert modes.angular_frequencies == pytest.approx(plain.angular_frequencies, rel=0.01)

@@ -74,8 +74,8 @@ def test_derivatives_are_those_of_an_oscillator_by_complex_steps(scheme):
     assert np.hstack([y["place"][-1], y["speed"][-1]]) == pytest.approx(end)
     ends = [oscillator(OSCILLATOR + 1j * h * e, scheme.fractions) for e in np.eye(5)]
     expected = np.array(ends).imag.T / h
-    for found in gradients(run, y):
-        assert found == pytest.approx(expected, rel=0, abs=1e-9 * abs(expected).max())
+    for gradient in gradients(run, y):
+        assert gradient == pytest.approx(expected, rel=0, abs=1e-9 * abs(expected).max())
 
 
 def mass_on_bar(x):
@@ -108,8 +108,8 @@ def test_derivative_by_the_damping_of_a_scheme_is_that_by_complex_steps():
     assert y["place"][-1] == pytest.approx(damped_oscillator(x), rel=1e-10)
     ends = [damped_oscillator(x + 1j * h * e) for e in np.eye(3)]
     expected = np.array([ends]).imag / h
-    for found in gradients(run, y):
-        assert found == pytest.approx(expected, rel=0, abs=1e-9 * abs(expected).max())
+    for gradient in gradients(run, y):
+        assert gradient == pytest.approx(expected, rel=0, abs=1e-9 * abs(expected).max())
 
 
 def test_the_damping_of_a_scheme_as_a_parameter_must_be_a_number_of_the_scene():

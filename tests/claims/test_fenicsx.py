@@ -336,8 +336,8 @@ def test_squares_of_frequencies_are_those_of_modes():
     scene.add_force(beam.end, (0, -50.0))
     equilibrium = fenicsx.Equilibrium(scene)
     state = equilibrium.run(load_steps=2)
-    found = fb.modes(scene, state=state, n=3)
-    omega = 2 * np.pi * found.frequencies
+    modes = fb.modes(scene, state=state, n=3)
+    omega = 2 * np.pi * modes.frequencies
     np.testing.assert_allclose(equilibrium.eigenvalues(3).real, omega**2, rtol=1e-6)
 
 

@@ -77,8 +77,8 @@ def test_a_frame_has_the_displacements_and_forces_of_its_stiffness_matrix(factor
     )
     assert q / factor == pytest.approx(u, rel=1e-9, abs=1e-9 * abs(u).max())
     for k in (0, 4):
-        found = solution.reaction(beams.nodes[k])[-1] / factor
-        assert found == pytest.approx(reactions[k], abs=1e-8 * abs(reactions).max())
+        computed = solution.reaction(beams.nodes[k])[-1] / factor
+        assert computed == pytest.approx(reactions[k], abs=1e-8 * abs(reactions).max())
     N, Q, M = (along_all(solution, name, [1], np.array([0.0, 1.0]))[0] for name in "NQM")
     for member, (n1, q1, m1, n2, q2, m2) in enumerate(ends):
         first, last = 2 * member, 2 * member + 1

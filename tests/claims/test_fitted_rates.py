@@ -25,24 +25,26 @@ def pendulum():
 def errors(scheme, dt, t_end=0.4):
     """Largest errors of the pendulum's rates, and those (n, 2) of the mean force of its pin."""
     scene, body, pin = pendulum()
-    found = fb.simulate(scene, scheme, dt=dt, t_end=t_end)
+    solution = fb.simulate(scene, scheme, dt=dt, t_end=t_end)
 
     def slope(t, y):
         return y[1], -M * G * A * np.cos(y[0]) / (J + M * A**2)
 
-    exact = solve_ivp(slope, (0, found.t[-1]), (0, SPIN), "DOP853", found.t, rtol=1e-13, atol=1e-14)
+    exact = solve_ivp(
+        slope, (0, solution.t[-1]), (0, SPIN), "DOP853", solution.t, rtol=1e-13, atol=1e-14
+    )
     psi, spin = exact.y
     v = A * spin[:, None] * np.column_stack([-np.sin(psi), np.cos(psi)])
     rates = {
-        "velocity": found.velocity(body.centre) - v,
-        "spin": found.spin(body.centre) - spin,
-        "spin of the joint": found.joint(pin).spin - spin,
-        "momentum": found.linear_momentum - M * v,
-        "angular momentum": found.angular_momentum - (J + M * A**2) * spin,
+        "velocity": solution.velocity(body.centre) - v,
+        "spin": solution.spin(body.centre) - spin,
+        "spin of the joint": solution.joint(pin).spin - spin,
+        "momentum": solution.linear_momentum - M * v,
+        "angular momentum": solution.angular_momentum - (J + M * A**2) * spin,
     }
     mean = M * np.diff(v, axis=0) / dt + (0, M * G)
-    forces = found.joint(pin).force[1:, :2] - mean
-    assert abs(found.energy.balance_error).max() < 1e-12 * found.energy.kinetic[0]
+    forces = solution.joint(pin).force[1:, :2] - mean
+    assert abs(solution.energy.balance_error).max() < 1e-12 * solution.energy.kinetic[0]
     return {name: abs(error).max() for name, error in rates.items()}, forces
 
 
@@ -76,10 +78,10 @@ def mean_forces(scheme, lengths, push):
     """Mean forces (n, 2) of the pin in steps of these lengths; a push begins at 0.2 s."""
     scene, body, pin = pendulum()
     scene.add_force(body.centre, lambda t: (0.0, push * (t > 0.2)))
-    found, forces = None, []
+    computed, forces = None, []
     for dt, end in zip(lengths, np.cumsum(lengths), strict=True):
-        found = fb.simulate(scene, scheme, dt=dt, t_end=end, start=found)
-        forces.append(found.joint(pin).force[1, :2])
+        computed = fb.simulate(scene, scheme, dt=dt, t_end=end, start=computed)
+        forces.append(computed.joint(pin).force[1, :2])
     return np.array(forces)
 
 
@@ -164,13 +166,13 @@ def errors_of_rows(build, order, steps):
     """Largest errors in all rows by names, for some lengths of steps."""
 
     def run(dt, order):
-        found = fb.simulate(build(), fb.EnergyMomentum(order=order), dt=dt, t_end=0.32)
-        energy = found.energy
+        solution = fb.simulate(build(), fb.EnergyMomentum(order=order), dt=dt, t_end=0.32)
+        energy = solution.energy
         if dt > 4e-3:  # round-off grows with the number of steps
             assert abs(energy.balance_error).max() < 1e-12 * (1 + energy.kinetic.max())
-        return found
+        return solution
 
-    finest, found = min(steps) / 4, []
+    finest, solution = min(steps) / 4, []
     exact = run(finest, 4)
     for dt in steps:
         coarse, each = run(dt, order), round(dt / finest)
@@ -179,8 +181,8 @@ def errors_of_rows(build, order, steps):
             rows = getattr(exact, name)[1:]
             means = rows.reshape(-1, each, *rows.shape[1:]).mean(axis=1)
             rates[name] = np.concatenate([getattr(coarse, name)[:1], means])
-        found.append({name: abs(getattr(coarse, name) - rates[name]).max() for name in KINDS})
-    return found
+        solution.append({name: abs(getattr(coarse, name) - rates[name]).max() for name in KINDS})
+    return solution
 
 
 @pytest.mark.parametrize(
@@ -212,15 +214,15 @@ def test_the_kinetic_energy_of_driven_bodies_is_that_of_their_rates_to_order_fou
     errors = []
     for dt in (0.02, 0.01):
         scene = build()
-        found = fb.simulate(scene, fb.EnergyMomentum(order=order), dt=dt, t_end=0.4)
+        solution = fb.simulate(scene, fb.EnergyMomentum(order=order), dt=dt, t_end=0.4)
         kinetic = sum(
-            body.mass * (found.velocity(body.centre) ** 2).sum(axis=1) / 2
-            + body.inertia * found.spin(body.centre) ** 2 / 2
+            body.mass * (solution.velocity(body.centre) ** 2).sum(axis=1) / 2
+            + body.inertia * solution.spin(body.centre) ** 2 / 2
             for body in scene.bodies
         )
-        errors.append(abs(found.energy.kinetic - kinetic).max() / kinetic.max())
-        assert found.energy.work[0] == pytest.approx(0, abs=1e-12)
-        assert abs(found.energy.balance_error).max() < 1e-13 * (1 + kinetic.max())
+        errors.append(abs(solution.energy.kinetic - kinetic).max() / kinetic.max())
+        assert solution.energy.work[0] == pytest.approx(0, abs=1e-12)
+        assert abs(solution.energy.balance_error).max() < 1e-13 * (1 + kinetic.max())
     assert errors[1] < 1e-5
     assert np.log2(errors[0] / errors[1]) > 3.8
 
@@ -249,19 +251,19 @@ def turned(spin, arm):
 @pytest.mark.parametrize("build", SCENES)
 def test_points_of_bodies_move_with_their_centres_and_joints_stay_together(build):
     scene = build()
-    found = fb.simulate(scene, dt=0.01, t_end=0.3)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.3)
     for body in scene.bodies:
-        v, spin = found.velocity(body.centre), found.spin(body.centre)
+        v, spin = solution.velocity(body.centre), solution.spin(body.centre)
         for point in body.points.values():
-            arm = found.position(point) - found.position(body.centre)
-            assert found.velocity(point) == pytest.approx(v + turned(spin, arm), abs=1e-12)
-            assert found.spin(point) == pytest.approx(spin, abs=1e-12)
+            arm = solution.position(point) - solution.position(body.centre)
+            assert solution.velocity(point) == pytest.approx(v + turned(spin, arm), abs=1e-12)
+            assert solution.spin(point) == pytest.approx(spin, abs=1e-12)
     for joint in scene.joints:
         if joint.kind == "Revolute" and joint.b is not fb.GROUND:
-            gap = found.velocity(joint.b)
+            gap = solution.velocity(joint.b)
             if joint.a is not fb.GROUND:
-                arm = found.position(joint.b) - found.position(joint.a)
-                gap = gap - found.velocity(joint.a) - turned(found.spin(joint.a), arm)
+                arm = solution.position(joint.b) - solution.position(joint.a)
+                gap = gap - solution.velocity(joint.a) - turned(solution.spin(joint.a), arm)
             assert abs(gap).max() < 1e-11
 
 
@@ -331,8 +333,8 @@ def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand():
     x = np.array(
         [getattr(last, what)(node)[-1] for what in ("rotation", "spin") for node in (first, second)]
     )
-    found = system.C @ system.A @ np.linalg.inv(system.C)
-    assert found == pytest.approx(jacobian(x), abs=1e-9)
+    computed = system.C @ system.A @ np.linalg.inv(system.C)
+    assert computed == pytest.approx(jacobian(x), abs=1e-9)
     assert abs(system.deviation(motion)).max() < 1e-9
 
 

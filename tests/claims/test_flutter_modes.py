@@ -18,27 +18,27 @@ def roots_of_ziegler(load, dampers):
     return np.linalg.eigvals(A)
 
 
-def near(found, exact, rel):
+def near(computed, exact, rel):
     """Whether each root that was found, or its conjugate, is one of the exact ones."""
-    return all(abs(exact - root).min() <= rel * abs(root) for root in found)
+    return all(abs(exact - root).min() <= rel * abs(root) for root in computed)
 
 
 @pytest.mark.parametrize("dampers", [(0.0, 0.0), (0.02, 0.02), (0.0, 0.1), (0.2, 0.01)])
 @pytest.mark.parametrize("load", [0.5, 1.5, 1.9, 2.2, 3.5, 4.5, 6.0])
 def test_zieglers_column_has_the_roots_of_its_closed_form(load, dampers):
     scene = ziegler(load, dampers)
-    found = fb.modes(scene, fb.static(scene, load_steps=2), n=2)
+    modes = fb.modes(scene, fb.static(scene, load_steps=2), n=2)
     exact = roots_of_ziegler(load, dampers)
-    assert near(found.eigenvalues, exact, 1e-6)
-    assert found.unstable.any() == (exact.real.max() > 1e-6)
+    assert near(modes.eigenvalues, exact, 1e-6)
+    assert modes.unstable.any() == (exact.real.max() > 1e-6)
     if dampers == (0.0, 0.0):  # stable below 7/2 - sqrt(2), flutter to 7/2 + sqrt(2)
         flutters = abs(load - 3.5) < np.sqrt(2)
-        assert found.unstable.sum() == (1 if flutters else 2 if load > 4.9 else 0)
+        assert modes.unstable.sum() == (1 if flutters else 2 if load > 4.9 else 0)
         if flutters:
-            assert found.damping_ratios.sum() == pytest.approx(0.0, abs=1e-9)
-            assert found.frequencies[0] == pytest.approx(found.frequencies[1], rel=1e-9)
+            assert modes.damping_ratios.sum() == pytest.approx(0.0, abs=1e-9)
+            assert modes.frequencies[0] == pytest.approx(modes.frequencies[1], rel=1e-9)
         elif load < 3:
-            assert not found.damping_ratios.any()
+            assert not modes.damping_ratios.any()
 
 
 def beck(w, load):
@@ -53,17 +53,17 @@ def beck(w, load):
 @pytest.mark.parametrize("load", [5.0, 15.0, 19.0, 21.0, 24.0])
 def test_becks_column_has_the_frequencies_of_its_characteristic_equation(load):
     scene = column(load, 0, 8, 3)
-    found = fb.modes(scene, fb.static(scene, load_steps=2), n=4)
-    for root in found.eigenvalues:
+    modes = fb.modes(scene, fb.static(scene, load_steps=2), n=4)
+    for root in modes.eigenvalues:
         w = -1j * root
         exact = scipy.optimize.newton(beck, w, args=(load,), tol=1e-12, maxiter=200)
         # Strain and shear of P/EA, and the rotary inertia, matter most where two modes meet.
         assert abs(w / exact - 1) < (1e-3 if load in (19.0, 21.0) else 2e-4)
-    assert found.unstable[:2].sum() == (load > 20.05)
+    assert modes.unstable[:2].sum() == (load > 20.05)
     # The other columns of a finer mesh are the same; those of linearise, too.
     A = fb.linearise(scene, fb.static(scene, load_steps=2)).A
     exact = np.linalg.eigvals(A)
-    assert near(found.eigenvalues[:2], exact, 1e-5)
+    assert near(modes.eigenvalues[:2], exact, 1e-5)
 
 
 def test_many_modes_of_a_large_scene_are_those_of_its_linear_system():
@@ -71,11 +71,11 @@ def test_many_modes_of_a_large_scene_are_those_of_its_linear_system():
     scene, beam = clamped_bar((0.6, 0.8), section, elements=40)
     scene.add_force(beam.end, (-0.6 * 25, -0.8 * 25), follower=True)
     state = fb.static(scene, load_steps=4)
-    found = fb.modes(scene, state, n=6)
-    assert found.unstable.sum() == 1
-    assert near(found.eigenvalues, np.linalg.eigvals(fb.linearise(scene, state).A), 1e-6)
+    modes = fb.modes(scene, state, n=6)
+    assert modes.unstable.sum() == 1
+    assert near(modes.eigenvalues, np.linalg.eigvals(fb.linearise(scene, state).A), 1e-6)
     alone = fb.modes(scene, state, n=6, damping=False)
-    assert near(found.eigenvalues.imag[2:] * 1j, 1j * alone.angular_frequencies, 1e-2)
+    assert near(modes.eigenvalues.imag[2:] * 1j, 1j * alone.angular_frequencies, 1e-2)
 
 
 def test_a_free_scene_under_forces_without_a_potential_is_told_what_to_do():

@@ -35,9 +35,9 @@ def test_a_damped_cantilever_has_the_response_of_timoshenko():
     errors = []
     for elements in (8, 16):
         scene, beam = cantilever(elements, section)
-        found = fb.frequency_response(scene, (beam.end, (0.0, force, moment)), beam.end, f)
+        response = fb.frequency_response(scene, (beam.end, (0.0, force, moment)), beam.end, f)
         size = abs(exact).max(axis=1, keepdims=True)
-        errors.append((abs(found.values[:, 1:] - exact) / size).max())
+        errors.append((abs(response.values[:, 1:] - exact) / size).max())
     assert errors[1] < 1e-3
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
 
@@ -65,9 +65,9 @@ def test_the_response_is_that_of_a_long_motion_about_a_stressed_state(f):
     state = fb.static(scene)
     assert abs(state.rotation(beam.end)[-1]) > 0.05  # so that the state counts
     F = 1e-3 * np.array([1.0, -2.0])
-    found = fb.frequency_response(scene, (beam.end, F), beam.end, [f], state)
-    at_joint = fb.frequency_response(scene, (beam.end, F), joint, [f], state)
-    assert at_joint.names == ("slide", "angle")
+    response = fb.frequency_response(scene, (beam.end, F), beam.end, [f], state)
+    joint_response = fb.frequency_response(scene, (beam.end, F), joint, [f], state)
+    assert joint_response.names == ("slide", "angle")
 
     # After 25 s the slowest mode has decayed to 2e-5. The scheme's periods are too long by
     # (w dt)^2 / 12 = 3.7e-5 of them, twice as much in terms of stiffness; the amplitude at a
@@ -85,13 +85,13 @@ def test_the_response_is_that_of_a_long_motion_about_a_stressed_state(f):
 
     histories = [*motion.displacement(moved.end).T, motion.rotation(moved.end)]
     seen = np.array([amplitude(history) for history in histories])
-    assert abs(found.values[0] - seen).max() < 5e-4 * abs(seen).max()
+    assert abs(response.values[0] - seen).max() < 5e-4 * abs(seen).max()
     coordinates = motion.joint(slider).slide, motion.joint(slider).angle
     seen = np.array([amplitude(history) for history in coordinates])
-    assert abs(at_joint.values[0] - seen).max() < 5e-4 * abs(seen).max()
+    assert abs(joint_response.values[0] - seen).max() < 5e-4 * abs(seen).max()
     # About the undeformed start it is another one.
     other = fb.frequency_response(scene, (beam.end, F), beam.end, [f])
-    assert abs(other.values - found.values).max() > 5e-3 * abs(found.values).max()
+    assert abs(other.values - response.values).max() > 5e-3 * abs(response.values).max()
 
 
 # -- Refusals and pictures ---------------------------------------------------------------------
@@ -114,9 +114,9 @@ def test_what_is_no_load_place_or_frequency_is_refused():
         ((scene, load, beam.end, [-1.0]), "zero or positive"),
     ):
         assert_refused(words, fb.frequency_response, *bad_call)
-    found = fb.frequency_response(scene, load, joint, f)
-    assert repr(found) == "<FrequencyResponse of slide, angle at 1 frequencies>"
-    assert_refused("component = 'x' must be one of", found.component, "x")
+    response = fb.frequency_response(scene, load, joint, f)
+    assert repr(response) == "<FrequencyResponse of slide, angle at 1 frequencies>"
+    assert_refused("component = 'x' must be one of", response.component, "x")
 
 
 def test_a_motion_without_bound_is_refused():
@@ -137,15 +137,15 @@ def test_a_motion_without_bound_is_refused():
 
 def test_tables_have_amplitudes_and_phases(tmp_path):
     scene, beam, joint = arm()
-    found = fb.frequency_response(scene, (beam.end, (0.0, 1.0)), joint, [0.5, 1.0, 2.0])
-    found.to_csv(tmp_path / "response.csv")
+    response = fb.frequency_response(scene, (beam.end, (0.0, 1.0)), joint, [0.5, 1.0, 2.0])
+    response.to_csv(tmp_path / "response.csv")
     head, *rows = (tmp_path / "response.csv").read_text().splitlines()
     assert head == "frequency,slide amplitude,slide phase,angle amplitude,angle phase"
     table = np.array([row.split(",") for row in rows], dtype=float)
-    assert (table[:, 0] == found.frequencies).all()
-    assert (table[:, 1::2] * np.exp(1j * table[:, 2::2])) == pytest.approx(found.values)
+    assert (table[:, 0] == response.frequencies).all()
+    assert (table[:, 1::2] * np.exp(1j * table[:, 2::2])) == pytest.approx(response.values)
     pytest.importorskip("pandas")
-    frame = found.to_pandas()
+    frame = response.to_pandas()
     assert frame.index.name == "frequency" and list(frame.columns) == head.split(",")[1:]
     assert (frame.to_numpy() == table[:, 1:]).all()
 
@@ -154,12 +154,12 @@ def test_tables_have_amplitudes_and_phases(tmp_path):
 def test_pictures_of_responses_are_written(tmp_path):
     scene, beam, _ = arm()
     f = np.geomspace(0.1, 20.0, 50)
-    found = fb.frequency_response(scene, (beam.end, (0.0, 1.0)), beam.end, f)
-    fb.plot.frequency_response(found, tmp_path / "all.png")
-    fb.plot.frequency_response(found, tmp_path / "y.png", components=["y"])
+    response = fb.frequency_response(scene, (beam.end, (0.0, 1.0)), beam.end, f)
+    fb.plot.frequency_response(response, tmp_path / "all.png")
+    fb.plot.frequency_response(response, tmp_path / "y.png", components=["y"])
     sizes = [(tmp_path / name).stat().st_size for name in ("all.png", "y.png")]
     assert sizes[0] > sizes[1] > 10_000
     with pytest.raises(ValueError, match="components = .* must be names to draw"):
-        fb.plot.frequency_response(found, tmp_path / "none.png", components=[])
+        fb.plot.frequency_response(response, tmp_path / "none.png", components=[])
     with pytest.raises(fb.SceneError, match="component = 'z' must be one of"):
-        fb.plot.frequency_response(found, tmp_path / "none.png", components=["z"])
+        fb.plot.frequency_response(response, tmp_path / "none.png", components=["z"])

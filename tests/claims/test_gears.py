@@ -74,19 +74,21 @@ def test_a_planetary_gear_turns_and_accelerates_as_willis_says():
     sun = scene.add_body((0, 0), 1.0, 0.02).centre
     planet = scene.add_body((place, 0), 0.5, 0.01).centre
     held = scene.add_joint(fb.Revolute(fb.GROUND, carrier))
-    of_sun = scene.add_joint(fb.Revolute(arm["axis"], sun))
-    of_planet = scene.add_joint(fb.Revolute(arm["planet"], planet))
-    scene.add_joint(fb.Gear(of_sun, of_planet, -r_s / r_p))
+    sun_turn = scene.add_joint(fb.Revolute(arm["axis"], sun))
+    planet_turn = scene.add_joint(fb.Revolute(arm["planet"], planet))
+    scene.add_joint(fb.Gear(sun_turn, planet_turn, -r_s / r_p))
     # Seen from the carrier the ring turns backwards, as the ground does.
-    scene.add_joint(fb.Gear(held, of_planet, -r_r / r_p))
+    scene.add_joint(fb.Gear(held, planet_turn, -r_r / r_p))
     scene.add_moment(sun, 0.4)
     motion = fb.simulate(scene, dt=1e-3, t_end=0.2)
-    speed, of_planet = 1 + r_r / r_s, 1 - r_r / r_p
-    felt = 0.02 * speed**2 + 0.05 + 0.5 * place**2 + 0.01 * of_planet**2
+    speed, planet_turn = 1 + r_r / r_s, 1 - r_r / r_p
+    felt = 0.02 * speed**2 + 0.05 + 0.5 * place**2 + 0.01 * planet_turn**2
     alpha = 0.4 * speed / felt
     assert motion.spin(carrier)[-1] == pytest.approx(alpha * 0.2, rel=1e-5)
     assert motion.rotation(sun) == pytest.approx(speed * motion.rotation(carrier), rel=1e-12)
-    assert motion.rotation(planet) == pytest.approx(of_planet * motion.rotation(carrier), rel=1e-12)
+    assert motion.rotation(planet) == pytest.approx(
+        planet_turn * motion.rotation(carrier), rel=1e-12
+    )
 
 
 # -- Motions against an integrator of its own ------------------------------------------------------
@@ -185,15 +187,15 @@ def test_full_turns_count_over_thousands_of_steps(tmp_path):
 
 def test_a_belt_drives_a_cart_with_the_mass_that_its_pulley_feels():
     """Also if the axle is on the cart: a wheel on a rail."""
-    for on_cart in (False, True):
+    for cart_joint in (False, True):
         scene, cart = one_body((0, 0), 4.0, 0.1, {"axle": (0.2, 0)}, gravity=(0, -G))
         wheel = scene.add_body((0.2, 0), 0.5, 0.02).centre
         rail = scene.add_joint(fb.Prismatic(fb.GROUND, cart.centre, axis=(3, 4)))
-        axle = fb.Revolute(cart["axle"] if on_cart else fb.GROUND, wheel)
+        axle = fb.Revolute(cart["axle"] if cart_joint else fb.GROUND, wheel)
         rack = scene.add_joint(fb.Rack(scene.add_joint(axle), rail, -0.1))
         scene.add_moment(wheel, lambda t: -3.0 * t)
         motion = fb.simulate(scene, dt=2e-3, t_end=0.5)
-        mass = 4.5 if on_cart else 4.0
+        mass = 4.5 if cart_joint else 4.0
         felt, weight = mass + 0.02 / 0.1**2, mass * G * 0.8
         slide = motion.joint(rail).slide
         exact = (30.0 * motion.t**3 / 6 - weight * motion.t**2 / 2) / felt
@@ -340,8 +342,8 @@ def test_a_gearbox_is_held_by_the_moment_that_its_wheels_gain():
     scene.add_joint(fb.Gear(*shafts, ratio))
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
     moment = 2.0 * (inertias[0] + ratio * inertias[1])
-    for found in (solution.joint(weld).force, solution.reaction(base)):
-        assert found[1:, 2] == pytest.approx(np.full(10, moment), rel=1e-3)
+    for forces in (solution.joint(weld).force, solution.reaction(base)):
+        assert forces[1:, 2] == pytest.approx(np.full(10, moment), rel=1e-3)
 
 
 def test_what_is_no_gear_is_refused():

@@ -53,7 +53,7 @@ def relaxing(part, x):
 
     def energy(*strains):
         *others, strain, a = strains
-        stretched = sum(1e4 * of**2 for of in others)
+        stretched = sum(1e4 * other**2 for other in others)
         return stretched + part * (x[0] * strain**2 + x[1] * (strain - a[0]) ** 2)
 
     def relax(old, strains0, strains, dt):

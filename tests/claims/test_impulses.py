@@ -100,5 +100,5 @@ def test_outputs_of_a_motion_are_means_over_halved_steps():
         "acceleration": expected.acceleration(its.ball.centre),
     }
     for name, history in histories.items():
-        found = np.array([row[name] for row in rows])
-        assert found == pytest.approx(history[1:], abs=1e-9), name
+        computed = np.array([row[name] for row in rows])
+        assert computed == pytest.approx(history[1:], abs=1e-9), name

@@ -82,12 +82,12 @@ def test_a_zener_cantilever_creeps_and_relaxes_with_second_order(test, scheme):
         if test == "creep":
             scene.add_moment(beam.end, lambda t: 0.4 * t)
             solution = fb.simulate(scene, scheme, dt=dt, t_end=1.0)
-            found, exact = solution.rotation(beam.end)[-1], _creep(1.0)
+            computed, exact = solution.rotation(beam.end)[-1], _creep(1.0)
         else:
             scene.prescribe(beam.end, rotation=lambda t: 0.8 * t)
             solution = fb.simulate(scene, scheme, dt=dt, t_end=1.0)
-            found, exact = solution.resultants(beam).M[-1, 0], _relaxation(solution.t_level[-1])
-        errors.append(abs(found - exact))
+            computed, exact = solution.resultants(beam).M[-1, 0], _relaxation(solution.t_level[-1])
+        errors.append(abs(computed - exact))
     assert errors[1] < 1e-3
     assert math.log2(errors[0] / errors[1]) > 1.9
 
@@ -114,8 +114,8 @@ def test_load_steps_follow_the_flow_exactly():
     scene.add_moment(beam.end, 1.0)
     solution = fb.static(scene, load_steps=10)
     flown = np.maximum(solution.t - YIELD, 0) / HARDENING
-    found = solution.internal(beam, NAME)
-    assert abs(found - flown[:, None]).max() < 1e-12
+    plastic = solution.internal(beam, NAME)
+    assert abs(plastic - flown[:, None]).max() < 1e-12
     assert abs(solution.rotation(beam.end) - solution.t / EI - flown).max() < 1e-10
     # A motion that starts there rests.
     motion = fb.simulate(scene, dt=0.05, t_end=0.5, start=solution)
@@ -127,8 +127,10 @@ def test_load_steps_follow_the_flow_exactly():
 def test_a_load_step_of_statics_is_the_time_of_the_update():
     scene, beam = cantilever(ZENER)
     scene.prescribe(beam.end, rotation=0.1)
-    (found,) = {round(x, 12) for x in fb.static(scene, load_steps=1).internal(beam, "dashpot")[-1]}
-    assert found == pytest.approx(0.1 * (1 / TAU) / (1 + 1 / TAU))
+    (dashpot,) = {
+        round(x, 12) for x in fb.static(scene, load_steps=1).internal(beam, "dashpot")[-1]
+    }
+    assert dashpot == pytest.approx(0.1 * (1 / TAU) / (1 + 1 / TAU))
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.1, 0.5])
@@ -139,15 +141,15 @@ def test_what_relaxes_is_followed_by_load_steps_from_a_loaded_state(factor):
     loaded = fb.static(scene, load_steps=4)
     scene.remove(moment)
     scene.add_moment(beam.end, 0.5 * factor)
-    found = fb.static(scene, load_steps=20, start=loaded)
+    path = fb.static(scene, load_steps=20, start=loaded)
     a = loaded.internal(beam, "dashpot")[-1, 0]
-    M = 0.5 + 0.5 * (factor - 1) * found.t
-    for r, at_end in zip(np.diff(found.t) / TAU, M[1:] / (STIFF + SOFT), strict=True):
+    M = 0.5 + 0.5 * (factor - 1) * path.t
+    for r, at_end in zip(np.diff(path.t) / TAU, M[1:] / (STIFF + SOFT), strict=True):
         a = (a + r * at_end) / (1 + r - r * SOFT / (STIFF + SOFT))
-    assert found.internal(beam, "dashpot")[-1] == pytest.approx(a, rel=1e-9)
+    assert path.internal(beam, "dashpot")[-1] == pytest.approx(a, rel=1e-9)
     # The work of the moment is stored or dissipated.
-    work = ((M[1:] + M[:-1]) / 2 * np.diff(found.rotation(beam.end))).sum()
-    change = found.energy.strain + found.energy.dissipated
+    work = ((M[1:] + M[:-1]) / 2 * np.diff(path.rotation(beam.end))).sum()
+    change = path.energy.strain + path.energy.dissipated
     assert change[-1] - change[0] == pytest.approx(work, rel=1e-9)
 
 
@@ -181,8 +183,8 @@ def test_what_damage_dissipates_in_load_steps_is_of_second_order(part):
             scene.add_joint(fb.Prismatic(fb.GROUND, bar.start, axis=(1, 0), spring=spring))
         scene.prescribe(bar.end, x=end)
         solution = fb.static(scene, load_steps=load_steps)
-        of_row = solution.energy
-        return of_row.dissipated[-1], of_row.balance_error[-1], solution.stats.halvings
+        energies = solution.energy
+        return energies.dissipated[-1], energies.balance_error[-1], solution.stats.halvings
 
     fall = math.exp(-(end - limit) / length)
     work = k * limit**2 / 2 + k * limit * length * (1 - fall)
@@ -311,9 +313,9 @@ def test_pictures_and_files_for_paraview_show_the_variables(tmp_path):
     reader.set_active_time_value(reader.time_values[-1])
     (grid,) = reader.read()
     # Elements of degree 1 have one Gauss point: the variable is constant on each.
-    on_members = grid.point_data["plastic curvature"].reshape(-1, 2)
+    values = grid.point_data["plastic curvature"].reshape(-1, 2)
     wanted = [*solution.internal(beam, NAME)[-1], *[0.0] * other.elements]
-    assert on_members == pytest.approx(np.transpose([wanted] * 2), abs=1e-12)
+    assert values == pytest.approx(np.transpose([wanted] * 2), abs=1e-12)
     fb.plot.shapes(solution, tmp_path / "a.png", rows=[0, 30], colour="plastic curvature")
     with pytest.raises(ValueError, match="'plastic curvature', or None"):
         fb.plot.shapes(solution, tmp_path / "a.png", rows=[0, 30], colour="plastic strain")

@@ -13,22 +13,22 @@ GAUSS = {1: [0.0], 2: [-(3**-0.5), 3**-0.5], 3: [-(0.6**0.5), 0.0, 0.6**0.5]}
 
 def stretch(solution, beam, degree):
     """t . phi' times squares of lengths, (n, elements * degree), from nodal values in numpy."""
-    at_nodes = np.vander(np.linspace(-1, 1, degree + 1), increasing=True)
+    vandermonde = np.vander(np.linspace(-1, 1, degree + 1), increasing=True)
     xi = np.array(GAUSS[degree])
     powers = np.arange(degree + 1)
-    N = xi[:, None] ** powers @ np.linalg.inv(at_nodes)
-    dN = powers * xi[:, None] ** np.maximum(powers - 1, 0) @ np.linalg.inv(at_nodes)
+    N = xi[:, None] ** powers @ np.linalg.inv(vandermonde)
+    dN = powers * xi[:, None] ** np.maximum(powers - 1, 0) @ np.linalg.inv(vandermonde)
     nodes = solution.nodes_of_beam[beam.name]
     X, q = solution.X[nodes], solution.q[:, nodes]
-    found = []
+    values = []
     for first in range(0, len(nodes) - 1, degree):
         own = slice(first, first + degree + 1)
         tx, ty = (dN @ X[own]).T
         psi = q[:, own, 2] @ N.T
         along = np.einsum("gi,nij->ngj", dN, X[own] + q[:, own, :2])
         c, s = np.cos(psi), np.sin(psi)
-        found.append((c * tx - s * ty) * along[..., 0] + (s * tx + c * ty) * along[..., 1])
-    return np.concatenate(found, axis=1)
+        values.append((c * tx - s * ty) * along[..., 0] + (s * tx + c * ty) * along[..., 1])
+    return np.concatenate(values, axis=1)
 
 
 def bar(degree, speed=0.0, gravity=0.0):

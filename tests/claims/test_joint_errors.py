@@ -163,15 +163,15 @@ def test_a_motor_that_fails_later_keeps_the_steps_before(motor):
 
 def test_histories_of_joints_are_refused_for_what_is_no_joint_of_the_solution():
     scene, (a, b, c) = beams()
-    given = fb.Revolute(a.start, b.start)
-    hinge = scene.add_joint(given)
+    made = fb.Revolute(a.start, b.start)
+    hinge = scene.add_joint(made)
     scene.add_joint(fb.PinInSlot(b.start, c.start, axis=(1, 0)))
     solution = run(scene)
     with pytest.raises(ValueError, match="joint 0, Revolute of .* has no slide"):
         _ = solution.joint(hinge).slide
     for history in (lambda joint: solution.joint(joint).force, solution.joint):
         with pytest.raises(ValueError, match="not a joint of this solution; take the one"):
-            history(given)
+            history(made)
         assert_refused("not a joint of this solution", history, "hinge", error=ValueError)
     with pytest.raises(ValueError, match="not a node of this solution"):
         solution.joint(pair("prismatic with offset")[3])

@@ -104,8 +104,8 @@ def test_a_solution_does_not_depend_on_what_becomes_of_its_scene():
     scene.remove(scene.joints[1], arm)
     ball = scene.add_body((5, 5), 1.0, 0.1, points={"a": (6, 5)})
     scene.add_joint(fb.Revolute(fb.GROUND, ball["a"]))
-    found = [one.resultants(arm.name).M, one.joint_forces, one.v, one.energy.kinetic, one.a]
-    for ours, theirs in zip(found, expected, strict=True):
+    computed = [one.resultants(arm.name).M, one.joint_forces, one.v, one.energy.kinetic, one.a]
+    for ours, theirs in zip(computed, expected, strict=True):
         assert ours.shape == theirs.shape
         assert np.array_equal(ours, theirs)
 
@@ -392,9 +392,9 @@ def test_a_failure_after_a_change_keeps_the_whole_motion():
     stop = {"until": lambda t, y: 1.0 if t < 0.6 else np.nan, "dt": 0.1, "t_end": 2.0}
     with pytest.raises(fb.SceneError, match="until gives nan") as error:
         fb.simulate(scene, changes=latches(guides[1:], 1.5), **stop)
-    kept = error.value.solution
-    assert kept.t[0] == 0 and kept.t[-1] > 0.5
-    assert kept.stats.changes["guide 0"] == pytest.approx(0.25, abs=1e-12)
+    first_part = error.value.solution
+    assert first_part.t[0] == 0 and first_part.t[-1] > 0.5
+    assert first_part.stats.changes["guide 0"] == pytest.approx(0.25, abs=1e-12)
 
 
 # -- Refusals --------------------------------------------------------------------------------------

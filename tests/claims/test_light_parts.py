@@ -108,7 +108,7 @@ def test_what_rounding_leaves_open_is_said(run, caplog):
 def test_random_mechanisms_are_right_or_warn(seed, width):
     """Balance of energy, a turned scene, other units and a run in two parts."""
     try:
-        found, messages = differences(seed, width)
+        errors, messages = differences(seed, width)
     except (fb.SceneError, fb.StepError):
         pytest.skip("the mechanism is refused")
-    assert max(found.values()) <= 1 or messages, found
+    assert max(errors.values()) <= 1 or messages, errors

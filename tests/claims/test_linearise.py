@@ -22,9 +22,9 @@ def hanging(rhoI=1e-2, retardation=0.01):
     made = section(rhoI, retardation)
     scene, post = clamped_bar((0.5, 0), made, elements=2, gravity=(0.0, -9.81))
     arm = scene.add_beam([(0.5, 0), (1.3, 0.2)], made, elements=3)
-    on_slide = {"spring": fb.Spring(60.0), "damper": fb.Damper(2.0)}
+    slide_laws = {"spring": fb.Spring(60.0), "damper": fb.Damper(2.0)}
     hinge = fb.Coordinate(spring=fb.Spring(30.0), damper=fb.Damper(0.8))
-    joint = fb.PinInSlot(post.end, arm.start, axis=(0.6, 0.8), hinge=hinge, **on_slide)
+    joint = fb.PinInSlot(post.end, arm.start, axis=(0.6, 0.8), hinge=hinge, **slide_laws)
     joint = scene.add_joint(joint)
     scene.add_force(arm.end, fb.Input("push"))
     outputs = {
@@ -69,9 +69,9 @@ def flat(outputs):
 
 
 def assert_has_eigenvalues(A, expected, rel):
-    found = np.linalg.eigvals(A)
+    roots = np.linalg.eigvals(A)
     for value in expected:
-        assert abs(found - value).min() < rel * abs(value), value
+        assert abs(roots - value).min() < rel * abs(value), value
 
 
 @pytest.mark.parametrize("case", [{}, {"rhoI": 0.0, "retardation": 0.0}])
@@ -95,14 +95,14 @@ def test_the_transfer_function_is_the_frequency_response(rhoI):
     state, f = fb.static(scene, load_steps=4, t=0.7), [0.0, 0.6, 2.2, 30.0]
     system = fb.linearise(scene, state, outputs=outputs)
     for k, direction in enumerate(np.eye(2)):
-        at_end, at_joint = (
+        at_end, joint_values = (
             fb.frequency_response(scene, (arm.end, direction), place, f, state=state).values
             for place in (arm.end, joint)
         )
         for i, w in enumerate(2 * np.pi * np.array(f)):
             response = np.linalg.solve(1j * w * np.eye(len(system.A)) - system.A, system.B)
             response = system.C @ response + system.D
-            expected = np.concatenate([at_end[i], at_joint[i]])
+            expected = np.concatenate([at_end[i], joint_values[i]])
             assert response[:, k] == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
@@ -142,23 +142,23 @@ def test_rates_of_motors_and_prescribed_motions_are_inputs():
     )
 
 
-def errors_of_systems(scene, outputs, name, given, first, means, rates, **held):
+def errors_of_systems(scene, outputs, name, place_of_step, first, means, rates, **held):
     """Largest errors by which systems of the instant, step by step, miss small differences.
 
-    Those of a motion, whose input `name` is given(k) in step k, and of one whose input from step
+    Of a motion whose input `name` is place_of_step(k) in step k, and of one whose input from step
     `first` + 1 on is larger by small `means`, which are inputs `rates` of the systems. Relative to
     the largest difference, for rates and for the others; inputs `held` are constant.
     """
     dt, size = 1e-3, 1e-5
     motion = fb.Motion(scene, dt=dt, outputs=outputs)
     for k in range(1, first + 1):
-        motion.step({name: given(k)} | held)
+        motion.step({name: place_of_step(k)} | held)
     start = motion.snapshot()
 
     def run(sign):
         motion.restore(start)
         places = enumerate(sign * size * means, start=first + 1)
-        return np.array([flat(motion.step({name: given(k) + more})) for k, more in places])
+        return np.array([flat(motion.step({name: place_of_step(k) + more})) for k, more in places])
 
     nonlinear = (run(1.0) - run(-1.0)) / (2 * size)
     motion.restore(start)
@@ -166,7 +166,7 @@ def errors_of_systems(scene, outputs, name, given, first, means, rates, **held):
     x, linear = np.zeros(len(now.A)), []
     for k, rate in enumerate(rates):
         before, u = now, np.array([rate])
-        motion.step({name: given(first + 1 + k)})
+        motion.step({name: place_of_step(first + 1 + k)})
         now = fb.linearise(scene, motion, [name], outputs)
         A, B = (before.A + now.A) / 2, (before.B + now.B) / 2
         whole = scipy.linalg.expm(dt * np.block([[A, B], [np.zeros((1, len(A) + 1))]]))
@@ -195,8 +195,8 @@ def test_systems_of_the_instant_add_up_to_small_differences_of_a_fast_motion():
 
     others = {"torque": 3.0, "thrust": (2.0, 1.0)}
     rates = np.diff(ends) / DT
-    found = errors_of_systems(scene, outputs, "place", given, 300, ends[1:], rates, **others)
-    assert max(found) < 0.05
+    errors = errors_of_systems(scene, outputs, "place", given, 300, ends[1:], rates, **others)
+    assert max(errors) < 0.05
 
 
 def test_systems_of_the_instant_of_a_closed_loop_in_motion():
@@ -217,8 +217,8 @@ def test_systems_of_the_instant_of_a_closed_loop_in_motion():
         "spin": fb.Output("spin", arm.centre),
     }
     _, means = bump(40)
-    found = errors_of_systems(scene, outputs, "torque", lambda k: 2.0, 400, means, means)
-    assert max(found) < 5e-3
+    errors = errors_of_systems(scene, outputs, "torque", lambda k: 2.0, 400, means, means)
+    assert max(errors) < 5e-3
 
 
 def test_a_state_of_motion_is_the_deviation_that_feedback_needs():
@@ -361,10 +361,10 @@ def test_a_cantilever_that_creeps_slowly_ends_at_its_elastic_deflection(retardat
     outputs = {"y": fb.Output("displacement", beam.end, "y")}
     system, f = fb.linearise(scene, outputs=outputs), np.array([0.0, 0.1]) / retardation
     poles = [2j * np.pi * x * np.eye(len(system.A)) - system.A for x in f]
-    found = [(system.C @ np.linalg.solve(pole, system.B) + system.D).item() for pole in poles]
-    assert found[0] == pytest.approx(1 / 60 + 1e-4, rel=1e-8)
-    by_frequency = fb.frequency_response(scene, (beam.end, (0, 1)), beam.end, f).component("y")
-    assert found == pytest.approx(by_frequency, rel=1e-8)
+    computed = [(system.C @ np.linalg.solve(pole, system.B) + system.D).item() for pole in poles]
+    assert computed[0] == pytest.approx(1 / 60 + 1e-4, rel=1e-8)
+    spectra = fb.frequency_response(scene, (beam.end, (0, 1)), beam.end, f).component("y")
+    assert computed == pytest.approx(spectra, rel=1e-8)
 
 
 @pytest.mark.parametrize("elements", [4, 40])
@@ -376,8 +376,8 @@ def test_a_rod_in_a_sleeve_on_the_ground_has_the_frequencies_of_its_modes(elemen
     scene.add_force(rod.end, (3.0, -20.0))
     state = fb.static(scene)
     values = np.linalg.eigvals(fb.linearise(scene, state=state).A)
-    found = np.sort(values.imag[values.imag > 0])[:3]
-    assert found == pytest.approx(fb.modes(scene, state, n=3).angular_frequencies, rel=1e-6)
+    computed = np.sort(values.imag[values.imag > 0])[:3]
+    assert computed == pytest.approx(fb.modes(scene, state, n=3).angular_frequencies, rel=1e-6)
 
 
 @pytest.mark.parametrize("EA", [1e6, 1e10])
@@ -392,8 +392,8 @@ def test_turns_without_mass_are_not_damped_by_the_motion_of_a_state(EA):
         hinge = {"spring": fb.Spring(20 * force), "damper": fb.Damper(1.0 * unit)}
         scene.add_joint(fb.Revolute(upper.end, lower.start, **hinge))
         swing = fb.simulate(scene, dt=5e-3 / unit, t_end=0.1 / unit)
-        found = np.linalg.eigvals(fb.linearise(scene, swing).A) / unit
-        return np.sort(abs(found))
+        computed = np.linalg.eigvals(fb.linearise(scene, swing).A) / unit
+        return np.sort(abs(computed))
 
     expected = roots(1.0)
     # Eight displacements with mass, and the turn of the hinge's other side with damping alone.
@@ -412,11 +412,13 @@ def test_at_a_critical_point_pulls_act_with_their_load_factor():
     (point,) = path.critical_points
     assert point.load_factor == pytest.approx(0.5, rel=1e-6)
     for state, roots in ((point.solution, [-1.5, 0]), (path, [-4, 1]), (None, [-1.5, -1.5])):
-        found = np.linalg.eigvals(fb.linearise(scene, state).A)
-        assert np.sort(found.real) == pytest.approx(roots, abs=1e-5)
-        assert abs(found.imag).max() == pytest.approx(7**0.5 / 2 if state is None else 0, abs=1e-5)
+        computed = np.linalg.eigvals(fb.linearise(scene, state).A)
+        assert np.sort(computed.real) == pytest.approx(roots, abs=1e-5)
+        assert abs(computed.imag).max() == pytest.approx(
+            7**0.5 / 2 if state is None else 0, abs=1e-5
+        )
         (mode,) = fb.modes(scene, state, n=1).eigenvalues
-        assert abs(found - mode).min() < 1e-5
+        assert abs(computed - mode).min() < 1e-5
 
 
 def test_at_a_critical_point_forces_that_follow_have_their_load_factor():

@@ -39,19 +39,19 @@ def test_outputs_of_lines_are_those_of_their_nodes():
     motion = fb.Motion(scene, dt=0.01, outputs=outputs, record=fb.Record())
     rows = [motion.step() for _ in range(200)]
     solution = motion.solution()
-    found = {name: np.array([row[name] for row in rows]) for name in outputs}
+    computed = {name: np.array([row[name] for row in rows]) for name in outputs}
     apart = solution.position(b) - solution.position(a)
     moves = solution.velocity(b) - solution.velocity(a)
     distance = np.hypot(*apart.T)
     rate = np.sum(apart * moves, axis=1) / distance
-    assert found["length"] == pytest.approx(distance[1:], abs=1e-13)
-    assert found["rate"] == pytest.approx(rate[1:], abs=1e-12)
-    assert found["sag"] == pytest.approx(solution.displacement(a)[1:, 1], abs=1e-14)
-    assert found["turn"] == pytest.approx(solution.rotation(a)[1:], abs=1e-13)
-    assert found["spin"] == pytest.approx(solution.spin(a)[1:], abs=1e-13)
-    assert abs(found["turn"]).max() > 0.5
-    of_line = solution.joint(line)
-    assert of_line.rate == pytest.approx(rate, abs=1e-14)
+    assert computed["length"] == pytest.approx(distance[1:], abs=1e-13)
+    assert computed["rate"] == pytest.approx(rate[1:], abs=1e-12)
+    assert computed["sag"] == pytest.approx(solution.displacement(a)[1:, 1], abs=1e-14)
+    assert computed["turn"] == pytest.approx(solution.rotation(a)[1:], abs=1e-13)
+    assert computed["spin"] == pytest.approx(solution.spin(a)[1:], abs=1e-13)
+    assert abs(computed["turn"]).max() > 0.5
+    histories = solution.joint(line)
+    assert histories.rate == pytest.approx(rate, abs=1e-14)
     np.testing.assert_array_equal(solution.joint(held.rotation).rate, solution.spin(a))
 
 
@@ -77,8 +77,8 @@ def test_the_energy_of_a_bed_and_of_a_stop_is_that_of_springs():
     scene.add_force(beam.node(0.25), (0.0, -20.0))
     scene.add_force(beam.node(0.75), (0.0, -20.0))
     solution = fb.static(scene)
-    found = solution.joint(bed.normal).energy
-    assert found[-1] > 0 and found == pytest.approx(solution.energy.springs, rel=1e-12)
+    computed = solution.joint(bed.normal).energy
+    assert computed[-1] > 0 and computed == pytest.approx(solution.energy.springs, rel=1e-12)
 
 
 def test_beds_have_rates_and_power():
@@ -286,6 +286,6 @@ def test_a_rope_over_many_points_pulls_each_along_both_of_its_pieces(n):
     assert tension > 1.0
     assert solution.joint(rope).force[-1] == pytest.approx(tension, rel=1e-9)
     pulls = tension * ways / sizes[:, None]
-    on_nodes = np.append(pulls[1:], [[0.0, 0.0]], axis=0) - pulls
+    node_forces = np.append(pulls[1:], [[0.0, 0.0]], axis=0) - pulls
     held = np.array([80.0, 50.0]) * (positions - np.array(places))[1:]
-    assert on_nodes == pytest.approx(held, abs=1e-7 * tension)
+    assert node_forces == pytest.approx(held, abs=1e-7 * tension)

@@ -346,13 +346,13 @@ def test_natural_strains_on_a_part_of_a_beam_have_their_integrals(part, degree, 
 def test_a_function_that_reduces_arrays_is_seen_also_if_it_is_zero_at_the_start(name):
     """A sum over places is zero before the load comes: it then tells nothing."""
 
-    def end(of_place):
+    def end(profile):
         section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=1e-2)
         scene, beam = clamped_bar((1, 0), section, elements=6)
 
         def moving(s, t):
             return 0.3 * np.sum(
-                [np.maximum(0.0, 1 - 9 * abs(of_place(s) - t + d)) for d in (0.2, 0.5)]
+                [np.maximum(0.0, 1 - 9 * abs(profile(s) - t + d)) for d in (0.2, 0.5)]
             )
 
         if name == "line load":

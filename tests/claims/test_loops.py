@@ -163,12 +163,12 @@ def test_the_frequency_of_a_linkage_is_that_of_its_reduced_inertia():
 def test_the_response_of_a_slide_is_that_of_its_node():
     scene, bar, slide = trammel()
     state = fb.static(scene, load_steps=2)
-    of_slide, of_node = (
+    slide_value, node = (
         fb.frequency_response(scene, (bar.centre, (1.0, 0.0)), place, [0.5, 1.5], state)
         for place in (slide, bar["y"])
     )
-    assert of_slide.component("slide") == pytest.approx(of_node.component("y"), rel=1e-9)
-    assert abs(of_node.component("y").imag).min() > 0
+    assert slide_value.component("slide") == pytest.approx(node.component("y"), rel=1e-9)
+    assert abs(node.component("y").imag).min() > 0
 
 
 def plank(end):
@@ -275,11 +275,11 @@ def test_a_third_parallel_crank_is_redundant_and_a_slide_mends_it():
     assert "Rigid" not in text and text.count("Revolute") == 7  # six hinges, one named twice
     assert "1 of them is redundant" in text
     assert "such as a PinInSlot with axis=(0.316, 0.949) for joint 14" in text
-    found = []
+    values = []
     for third in (None, "slide"):
         scene, coupler = parallelogram(third)
-        found.append(run(scene).position(coupler.centre))
-    assert found[1] == pytest.approx(found[0], abs=1e-10)
+        values.append(run(scene).position(coupler.centre))
+    assert values[1] == pytest.approx(values[0], abs=1e-10)
 
 
 def ladder_of_two(joint):

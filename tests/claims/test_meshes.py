@@ -59,8 +59,8 @@ def test_bars_of_a_pinned_truss_have_the_forces_of_statics():
         balance[a, :, k], balance[b, :, k] = along[k], -along[k]
     expected = np.linalg.solve(balance[2:].reshape(6, 6), -load.ravel())
     truss = fb.static(scene)
-    found = [truss.resultants(beam).N[-1, 0] for beam in beams]
-    assert found == approx(expected, rel=1e-5)
+    forces = [truss.resultants(beam).N[-1, 0] for beam in beams]
+    assert forces == approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize("joints", ["rigid", "pin"])
@@ -91,8 +91,8 @@ def test_a_mesh_moves_as_beams_that_are_added_one_by_one(joints):
         scene.pin(nodes[i])
     solution = fb.simulate(scene, dt=0.01, t_end=0.2)
     expected = np.array([solution.position(nodes[i])[-1] for i in range(len(POINTS))])
-    found = shaken(POINTS, CELLS, elements=elements, degree=2, joints=joints)
-    assert found == approx(expected, abs=1e-9)
+    computed = shaken(POINTS, CELLS, elements=elements, degree=2, joints=joints)
+    assert computed == approx(expected, abs=1e-9)
 
 
 def test_beams_are_those_of_the_cells_and_nodes_those_of_the_points():

@@ -206,9 +206,9 @@ def test_a_body_that_turns_on_a_hinge_has_the_derivatives_of_its_closed_form():
     """w^2 = (k + spin^2 e m s) / (J + m s^2), with the pivot at e and its mass at s."""
     x = np.array([0.5, 0.7, 2.0, 3.0, 0.4])
     e, s, m, k, c = x
-    J, of_turn = 0.2 + m * s**2, SPIN**2 * e * m * s
-    square, damping = (k + of_turn) / J, c / (2 * J)
-    by_square = np.array([of_turn / e, of_turn / s, of_turn / m, 1, 0]) / J
+    J, turn_stiffness = 0.2 + m * s**2, SPIN**2 * e * m * s
+    square, damping = (k + turn_stiffness) / J, c / (2 * J)
+    by_square = np.array([turn_stiffness / e, turn_stiffness / s, turn_stiffness / m, 1, 0]) / J
     by_inertia = np.array([0, 2 * m * s, s**2, 0, 0]) / J
     by_square -= square * by_inertia
     run = fb.ModalResponse(hinged, n=1, state=turning, damped=True)
@@ -333,13 +333,13 @@ def test_quadratic_drag_leaves_the_derivatives_of_small_damping_as_they_are():
             scene.add_drag(beam, linear=0.01 * x[1], quadratic=quadratic * x[1])
         return scene
 
-    of_both = []
+    jacobians = []
     for quadratic in (0.0, 1.0):
         made = functools.partial(build, quadratic=quadratic)
         run = fb.ModalResponse(made, n=3, state=fb.static, damped=True)
         run([1.0, 1.0])
-        of_both.append(run.jacobian()[:, 1])
-    assert of_both[1] == pytest.approx(of_both[0], rel=1e-4)
+        jacobians.append(run.jacobian()[:, 1])
+    assert jacobians[1] == pytest.approx(jacobians[0], rel=1e-4)
 
 
 def test_little_damping_leaves_derivatives_by_a_material_that_stiffens_as_they_are():

@@ -27,10 +27,10 @@ def test_the_first_of_the_largest_displacements_of_a_mode_is_positive():
     path = fb.static(scene, load_steps=5)
     damped, beam = clamped_bar((1, 0), SECTION, 4, 2)
     damped.add_joint(fb.Revolute(fb.GROUND, beam.end, damper=fb.Damper(0.1)))
-    of_points = [point.modes for point in path.critical_points]
-    for modes in (fb.modes(scene), fb.modes(damped), *of_points):
+    points = [point.modes for point in path.critical_points]
+    for modes in (fb.modes(scene), fb.modes(damped), *points):
         assert all(first_largest(shape) > 0 for shape in modes.shapes)
-    shapes = [modes.shapes[0] for modes in of_points]
+    shapes = [modes.shapes[0] for modes in points]
     assert len(shapes) == 2 and path.critical_points[0].branch().shape == pytest.approx(shapes[0])
 
 

@@ -33,11 +33,11 @@ def timoshenko(section, n):
     For w = W sin(k x), psi = P cos(k x) with k = m pi: the two roots of the quadratic in omega^2
     for each m, and sqrt(GA/rhoI) for m = 0.
     """
-    s, found = section, [math.sqrt(section.GA / section.rhoI)]
+    s, computed = section, [math.sqrt(section.GA / section.rhoI)]
     for k in math.pi * np.arange(1, n + 1):
         linear = s.rhoA * (s.EI * k**2 + s.GA) + s.GA * k**2 * s.rhoI
-        found += list(np.sqrt(np.roots([s.rhoA * s.rhoI, -linear, s.GA * s.EI * k**4])))
-    return np.sort(found)[:n]
+        computed += list(np.sqrt(np.roots([s.rhoA * s.rhoI, -linear, s.GA * s.EI * k**4])))
+    return np.sort(computed)[:n]
 
 
 # -- Straight beams ----------------------------------------------------------------------------
@@ -51,7 +51,7 @@ def test_five_frequencies_of_a_supported_beam_converge_to_the_exact_ones(degree)
     assert (1 - exact / slender > 0.25).any()  # shear and rotary inertia count
     counts = {1: (16, 32), 2: (8, 16), 3: (6, 12)}[degree]
     errors = [fb.modes(simply_supported(degree, n, section), n=5) for n in counts]
-    errors = np.array([found.angular_frequencies / exact - 1 for found in errors])
+    errors = np.array([computed.angular_frequencies / exact - 1 for computed in errors])
     order = np.log2(errors[0] / errors[1])
     # Two for each degree; the first frequency stands for all once it is near its rounding.
     assert order[0] == pytest.approx(2 * degree, abs=0.1)
@@ -66,19 +66,19 @@ def test_five_frequencies_of_a_supported_beam_converge_to_the_exact_ones(degree)
 def test_a_free_beam_has_three_rigid_modes(points, height, degree):
     scene = fb.Scene(gravity=(0, -10))
     scene.add_beam(points, square(height), elements=6, degree=degree)
-    found = fb.modes(scene, n=5)
-    assert found.rigid.tolist() == [True] * 3 + [False] * 2
-    assert (found.angular_frequencies[:3] == 0).all() and (found.frequencies[3:] > 0).all()
+    modes = fb.modes(scene, n=5)
+    assert modes.rigid.tolist() == [True] * 3 + [False] * 2
+    assert (modes.angular_frequencies[:3] == 0).all() and (modes.frequencies[3:] > 0).all()
     # Rounding mixes in some of the first bending mode, the more the softer that is.
     close = 1e-7 if height > 0.01 else 1e-3
-    for shape in found.shapes[:3]:
+    for shape in modes.shapes[:3]:
         # A turn about one point, or none.
         spin = shape[:, 2]
         assert spin == pytest.approx(spin[0], abs=close * abs(shape).max())
-        x, y = (found.positions - found.positions[0]).T
+        x, y = (modes.positions - modes.positions[0]).T
         expected = shape[0, :2] + spin[0] * np.column_stack([-y, x])
         assert abs(shape[:, :2] - expected).max() < close * abs(shape).max()
-    assert str(found).splitlines()[0] == "mode 0: 0 Hz rigid"
+    assert str(modes).splitlines()[0] == "mode 0: 0 Hz rigid"
 
 
 # -- Rigid modes, copies and slender members -----------------------------------------------------
@@ -116,9 +116,9 @@ def test_free_links_have_as_many_rigid_modes_as_they_can_move(links, elements, d
     scene = chain(links, height, elements, degree)
     mobility = 2 + links
     for n in (1, mobility, 6, 13):
-        found = fb.modes(scene, n=n)
-        assert found.rigid.sum() == min(n, mobility)
-        assert found.rigid[: min(n, mobility)].all() and not found.unstable.any()
+        modes = fb.modes(scene, n=n)
+        assert modes.rigid.sum() == min(n, mobility)
+        assert modes.rigid[: min(n, mobility)].all() and not modes.unstable.any()
 
 
 @pytest.mark.parametrize("count", [6, 25])
@@ -135,8 +135,8 @@ def test_all_modes_of_many_equal_beams_with_massless_turns_are_found(elements, c
     one = fb.modes(side_by_side(1, SPARSE, elements), n=100).angular_frequencies
     assert len(one) == 2 * elements
     scene = side_by_side(count, SPARSE, elements)
-    found = fb.modes(scene, n=len(one) * count + 1).angular_frequencies
-    assert found == pytest.approx(np.repeat(one, count), rel=1e-8)
+    frequencies = fb.modes(scene, n=len(one) * count + 1).angular_frequencies
+    assert frequencies == pytest.approx(np.repeat(one, count), rel=1e-8)
 
 
 def test_parts_of_very_different_stiffness_have_the_modes_that_each_has_alone():
@@ -175,16 +175,16 @@ def ring(degree=2):
 
 @pytest.mark.parametrize("make", [lambda: simply_supported(2, 4, square(0.1)), ring])
 def test_shapes_have_the_modal_mass_one_and_are_orthogonal(make):
-    found = fb.modes(make(), n=6)
+    modes = fb.modes(make(), n=6)
 
     def energy(shape):
         scene = make()
-        set_shape(scene, found, shape)
+        set_shape(scene, modes, shape)
         return fb.simulate(scene, dt=1e-6, t_end=1e-6).energy.kinetic[0]
 
-    for i, one in enumerate(found.shapes):
+    for i, one in enumerate(modes.shapes):
         assert energy(one) == pytest.approx(0.5, abs=1e-9)
-        for other in found.shapes[:i]:
+        for other in modes.shapes[:i]:
             assert energy(one + other) == pytest.approx(1.0, abs=1e-9)
 
 
@@ -217,11 +217,11 @@ def test_a_force_along_a_beam_changes_its_frequencies_as_a_strings(ratio):
     scene.add_force(scene.beams[0].end, (force, 0))
     k = math.pi * np.arange(1, 5)
     squares = np.sort(k**4 * section.EI + k**2 * force)
-    found = fb.modes(scene, fb.static(scene), n=4)
+    modes = fb.modes(scene, fb.static(scene), n=4)
     exact = np.sign(squares) * np.sqrt(abs(squares))
-    assert found.angular_frequencies == pytest.approx(exact, rel=3e-4 if ratio > -1 else 1e-3)
-    assert found.unstable.tolist() == (squares < 0).tolist() and not found.rigid.any()
-    assert ("unstable" in str(found)) == (ratio < -1)
+    assert modes.angular_frequencies == pytest.approx(exact, rel=3e-4 if ratio > -1 else 1e-3)
+    assert modes.unstable.tolist() == (squares < 0).tolist() and not modes.rigid.any()
+    assert ("unstable" in str(modes)) == (ratio < -1)
 
 
 # -- Joints, springs, lumped masses ------------------------------------------------------------
@@ -258,8 +258,8 @@ def test_stiffness_is_the_derivative_of_the_forces_of_a_stressed_scene_with_join
     h = 0.05
     slope = (end(-2 * h) - 8 * end(-h) + 8 * end(h) - end(2 * h)) / (12 * h)
     scene.change(scene.loads[0], load)
-    found = fb.frequency_response(scene, (place, (0.6, -0.8)), place, [0.0], state).values[0]
-    assert abs(found - slope).max() < 1e-7 * abs(slope).max()
+    amplitudes = fb.frequency_response(scene, (place, (0.6, -0.8)), place, [0.0], state).values[0]
+    assert abs(amplitudes - slope).max() < 1e-7 * abs(slope).max()
 
 
 def dense(scene, state=None):
@@ -301,11 +301,11 @@ def test_frequencies_are_those_of_dense_algebra(name):
     else:
         scene = demo(name).scene()[0]
     squares = dense(scene, state)
-    found = fb.modes(scene, state, n=len(squares) + 3)
-    assert len(found) == len(squares)  # there are no more
+    modes = fb.modes(scene, state, n=len(squares) + 3)
+    assert len(modes) == len(squares)  # there are no more
     # The squares are as accurate as the rounding of the largest, in both.
     rounding = 1e-15 * squares.max()
-    assert found.angular_frequencies**2 == pytest.approx(squares, rel=1e-9, abs=rounding)
+    assert modes.angular_frequencies**2 == pytest.approx(squares, rel=1e-9, abs=rounding)
     few = fb.modes(scene, state, n=3).angular_frequencies ** 2
     assert few == pytest.approx(squares[:3], rel=1e-9, abs=rounding)
 
@@ -321,8 +321,8 @@ def test_modes_of_what_cannot_vibrate_are_refused():
     assert_refused("motion recorded", lambda: fb.modes(scene, state=unrecorded))
     massless = simply_supported(1, 2, fb.Section(EA=1, GA=1, EI=1))
     assert_refused("no mass", lambda: fb.modes(massless))
-    found = fb.modes(simply_supported(1, 4, SPARSE), n=2)
-    assert_refused("mode 2: there are 2 modes, numbered from 0", found.shape, "beam 1", 2, size=1.0)
+    modes = fb.modes(simply_supported(1, 4, SPARSE), n=2)
+    assert_refused("mode 2: there are 2 modes, numbered from 0", modes.shape, "beam 1", 2, size=1.0)
 
 
 def test_a_force_that_follows_the_motion_has_other_modes_than_a_bed_of_springs():
@@ -440,8 +440,8 @@ def test_a_state_that_another_joint_holds_tells_of_the_unstable_pendulum():
     state = fb.static(build(held=True), load_steps=2)
     place = 0.5 + 0.3 - 2 * 10 / 100  # of the bead, from the hinge
     growth = np.sqrt(10 * (0.5 + 2 * place) / (0.1 + 0.25 + 0.05 + 2 * place**2))
-    found = fb.modes(build(held=False), state, n=2)
-    assert found.eigenvalues == pytest.approx([growth, np.sqrt(100 / 2) * 1j], rel=1e-6)
+    modes = fb.modes(build(held=False), state, n=2)
+    assert modes.eigenvalues == pytest.approx([growth, np.sqrt(100 / 2) * 1j], rel=1e-6)
 
 
 def test_a_node_on_a_bent_beam_is_where_it_slid_though_its_joint_has_another_number():
@@ -458,6 +458,8 @@ def test_a_node_on_a_bent_beam_is_where_it_slid_though_its_joint_has_another_num
         scene.add_moment(beam.end, 1.0)
         return scene, fb.static(scene, load_steps=6)
 
-    (scene, state), (_, of_other) = build(held=False), build(held=True)
+    (scene, state), (_, other_state) = build(held=False), build(held=True)
     expected = fb.modes(scene, state, n=3).angular_frequencies
-    assert fb.modes(scene, of_other, n=3).angular_frequencies == pytest.approx(expected, rel=1e-9)
+    assert fb.modes(scene, other_state, n=3).angular_frequencies == pytest.approx(
+        expected, rel=1e-9
+    )

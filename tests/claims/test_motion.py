@@ -51,14 +51,14 @@ def test_a_motor_follows_its_input_along_straight_lines(scheme):
     places = 0.4 * (1 - np.cos(20 * DT * np.arange(41))) ** 2
     places = np.append(0.0, places[:-1])  # the rate at the start is zero
     for place in places[1:]:
-        found = motion.step({"place": place, "push": (0.0, 0.0)})
+        computed = motion.step({"place": place, "push": (0.0, 0.0)})
     grid = DT * np.arange(41)
     same = fb.simulate(
         scene, scheme, dt=DT, t_end=0.08, inputs={"place": lambda t: np.interp(t, grid, places)}
     )
-    assert found["angle"] == pytest.approx(places[-1], abs=1e-14)
-    assert found["tip"] == pytest.approx(same.position(beam.end)[-1], abs=1e-9)
-    assert found["moment"] == pytest.approx(same.joint(hinge).motor_force[-1], rel=1e-5)
+    assert computed["angle"] == pytest.approx(places[-1], abs=1e-14)
+    assert computed["tip"] == pytest.approx(same.position(beam.end)[-1], abs=1e-9)
+    assert computed["moment"] == pytest.approx(same.joint(hinge).motor_force[-1], rel=1e-5)
 
 
 def test_the_work_of_inputs_is_in_the_energy_balance():
@@ -75,9 +75,9 @@ def test_the_work_of_inputs_is_in_the_energy_balance():
 
 
 def test_functions_of_time_act_beside_inputs():
-    def scene(of_time, push):
+    def scene(timed, push):
         scene, beam, _, _ = arm()
-        scene.add_force(beam.end, of_time)
+        scene.add_force(beam.end, timed)
         scene.add_force(beam.end, (0.3, 0.0), follower=True)
         scene.add_force(beam.node(0.5), push, follower=True)
         return scene, beam
@@ -105,8 +105,8 @@ def test_a_thousand_returns_to_a_snapshot_give_the_same_episode():
     def episode():
         motion.restore(start)
         for k in range(3):
-            found = motion.step({"torque": -torque(k), "push": (0.5 * k, 0.0)})
-        return found
+            computed = motion.step({"torque": -torque(k), "push": (0.5 * k, 0.0)})
+        return computed
 
     first = episode()
     assert max(differences(first, episode()) for _ in range(1000)) < 1e-13
@@ -188,14 +188,14 @@ def test_inputs_keep_their_values_by_name_where_the_scene_gets_another_one(tmp_p
         assert motion.run(0.2)["angle"] == pytest.approx(np.arctan(3 / 10), abs=1e-9)
         assert motion.inputs == {"wind": 0.0, "push": 3.0}
         for end in (start, motion.state):
-            found = np.linalg.eigvals(fb.linearise(scene, end).A)
-            assert found == pytest.approx(expected, rel=1e-6)
+            roots = np.linalg.eigvals(fb.linearise(scene, end).A)
+            assert roots == pytest.approx(expected, rel=1e-6)
             frequency = fb.modes(scene, end, n=1).angular_frequencies
             assert frequency == pytest.approx(abs(expected[0]), rel=1e-6)
 
 
 def test_modes_about_a_state_count_the_values_of_its_inputs():
-    found = []
+    values = []
     for force in (fb.Input("push"), (-3.0, -2.0)):
         scene, post = clamped_bar((1, 0), SECTION, elements=2)
         arm = scene.add_beam([(1, 0.3), (2, 0.5)], SECTION, elements=2)
@@ -204,8 +204,8 @@ def test_modes_about_a_state_count_the_values_of_its_inputs():
         inputs = {"push": (-3.0, -2.0)} if isinstance(force, fb.Input) else None
         state = fb.static(scene, load_steps=2, inputs=inputs)
         response = fb.frequency_response(scene, (arm.end, (0, 1)), arm.end, [0.5], state=state)
-        found.append([fb.modes(scene, state, n=3).frequencies, abs(response.values[0])])
-    for with_input, constant in zip(*found, strict=True):
+        values.append([fb.modes(scene, state, n=3).frequencies, abs(response.values[0])])
+    for with_input, constant in zip(*values, strict=True):
         assert with_input == pytest.approx(constant, rel=1e-9)
 
 

@@ -141,8 +141,8 @@ def test_the_vibrations_of_a_prestressed_beam_are_those_of_the_continuum(tension
     for frequency, value in zip(f, response.component("y"), strict=True):
         w2 = (2 * np.pi * frequency) ** 2
         deflects, turns = s.GA * k2 - s.rhoA * w2, s.EI * k2 + s.GA - tension - s.rhoI * w2
-        of_sine = deflects - (s.GA - tension) ** 2 * k2 / turns
-        assert value == pytest.approx((1 / of_sine).sum(), rel=2e-4)
+        sine = deflects - (s.GA - tension) ** 2 * k2 / turns
+        assert value == pytest.approx((1 / sine).sum(), rel=2e-4)
     if tension < 0:
         return
     scene.set_velocity(beam, lambda x, y: (0.0, 1e-3 * np.sin(np.pi * x / 2)))

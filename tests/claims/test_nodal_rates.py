@@ -89,11 +89,11 @@ def test_a_run_of_two_stages_goes_on():
 
 
 def test_a_step_of_two_stages_is_of_second_order():
-    found = []
+    values = []
     for dt in (0.005, 0.0025, 0.00125):
         scene, bar = mechanism()
-        found.append(fb.simulate(scene, bathe(), dt=dt, t_end=0.2).position(bar.end)[-1])
-    order = math.log2(np.hypot(*(found[1] - found[0])) / np.hypot(*(found[2] - found[1])))
+        values.append(fb.simulate(scene, bathe(), dt=dt, t_end=0.2).position(bar.end)[-1])
+    order = math.log2(np.hypot(*(values[1] - values[0])) / np.hypot(*(values[2] - values[1])))
     assert order == pytest.approx(2, abs=0.25)
 
 

@@ -44,15 +44,15 @@ def bent(t, x):
 
 
 def test_only_numbers_that_functions_take_as_floats_are_differenced():
-    of_a_float = lambda t, x: (float(x[4]), np.interp(t, TIMES, x))  # noqa: E731
-    for force, of_one in ((profile, 0), (bent, 0), (of_a_float, 2)):
+    floated = lambda t, x: (float(x[4]), np.interp(t, TIMES, x))  # noqa: E731
+    for force, more in ((profile, 0), (bent, 0), (floated, 2)):
         run, calls = _response(force)
         _gradient(run)
         calls.clear()
         _gradient(run)
         # The scene with slopes, which without `of_one` serves the motion.
-        assert len(calls) == (2 + of_one if of_one else 1)
-        assert ("x[4]: float()" in run.stats.difference_reason) == bool(of_one)
+        assert len(calls) == (2 + more if more else 1)
+        assert ("x[4]: float()" in run.stats.difference_reason) == bool(more)
 
 
 def test_a_scene_with_slopes_serves_its_analysis():
@@ -130,8 +130,8 @@ def test_functions_of_the_solution_stay_out_of_the_step_that_tells_accelerations
         return scene, {"reaction": fb.Output("reaction", beam.start), "late": late}
 
     def without_late(x):
-        scene, of_scene = outputs(x)
-        return scene, {"reaction": of_scene["reaction"]}
+        scene, outputs_of_scene = outputs(x)
+        return scene, {"reaction": outputs_of_scene["reaction"]}
 
     run, alone = (fb.Response(build, dt=0.01, t_end=0.05) for build in (outputs, without_late))
     _, y = run([1.1, 0.9])
@@ -261,8 +261,8 @@ def test_functions_that_give_other_values_for_arrays_are_called_one_by_one():
     def alone(t, x):
         return _pulse(float(t), x)
 
-    found, known = (_gradient(_response(own)[0]) for own in (_pulse, alone))
-    assert found == pytest.approx(known, rel=1e-11, abs=1e-13)
+    computed, known = (_gradient(_response(own)[0]) for own in (_pulse, alone))
+    assert computed == pytest.approx(known, rel=1e-11, abs=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -34,10 +34,10 @@ def test_a_number_of_a_motion_and_its_derivatives_in_one_call():
     h = 1e-5
     ends = [[objective(x + s * h * e)[0] for s in (1, -1)] for e in np.eye(2)]
     assert gradient == pytest.approx([(a - b) / (2 * h) for a, b in ends], abs=1e-8)
-    found = minimize(objective, x, jac=True)
-    assert found.success
-    assert found.fun < value
-    assert abs(found.jac).max() < 1e-4 * abs(gradient).max()
+    best = minimize(objective, x, jac=True)
+    assert best.success
+    assert best.fun < value
+    assert abs(best.jac).max() < 1e-4 * abs(gradient).max()
 
 
 def test_misfits_of_measurements():

@@ -48,13 +48,13 @@ def test_a_beam_in_several_members_moves_as_the_whole():
         parts.set_velocity(
             member, lambda x, y: (0, 12 * min(x, 100 - x)), spin=lambda x, y: 12 * np.sign(50 - x)
         )
-    one = fb.simulate(whole, dt=0.01, t_end=1.0)
+    solution = fb.simulate(whole, dt=0.01, t_end=1.0)
     several = fb.simulate(parts, dt=0.01, t_end=1.0)
-    assert abs(several.position(last.end) - one.position(beam.end)).max() < 1e-9 * 100
-    assert abs(several.position(middle.node(0.5)) - one.position(beam.node(0.5))).max() < 1e-7
-    assert several.energy.strain == pytest.approx(one.energy.strain, rel=1e-9, abs=1e-6)
+    assert abs(several.position(last.end) - solution.position(beam.end)).max() < 1e-9 * 100
+    assert abs(several.position(middle.node(0.5)) - solution.position(beam.node(0.5))).max() < 1e-7
+    assert several.energy.strain == pytest.approx(solution.energy.strain, rel=1e-9, abs=1e-6)
     # The reversed member's forces are those of the whole, in its own order.
-    N = one.resultants(beam).N[:, 2:6]
+    N = solution.resultants(beam).N[:, 2:6]
     assert several.resultants(middle).N[:, ::-1] == pytest.approx(N, rel=1e-8, abs=1e-5)
 
 

@@ -102,7 +102,8 @@ def test_sections_of_equal_energies_have_the_resultants_of_one_that_is_shared():
     def run(sections):
         scene = fb.Scene(gravity=(0, -9.81))
         beams = [
-            scene.add_beam([(k, 0), (k + 1, 0)], of, elements=1) for k, of in enumerate(sections)
+            scene.add_beam([(k, 0), (k + 1, 0)], member_section, elements=1)
+            for k, member_section in enumerate(sections)
         ]
         for a, b in itertools.pairwise(beams):
             scene.add_joint(fb.Rigid(a.end, b.start))
@@ -169,9 +170,9 @@ def test_a_scheme_of_ones_own_damps_stretching_and_keeps_momentum():
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
     scene.set_velocity(beam, lambda x, y: (10 * (x - 0.5), 2.0 * (x - 0.5)), spin=2.0)
-    kept = fb.simulate(scene, damped(0.0), dt=0.002, t_end=1.0)
+    undamped = fb.simulate(scene, damped(0.0), dt=0.002, t_end=1.0)
     lost = fb.simulate(scene, damped(50.0), dt=0.002, t_end=1.0)
-    assert kept.energy.total[-1] == pytest.approx(kept.energy.total[0], rel=1e-3)
+    assert undamped.energy.total[-1] == pytest.approx(undamped.energy.total[0], rel=1e-3)
     assert lost.energy.total[-1] < 0.9 * lost.energy.total[0]
     assert lost.angular_momentum == pytest.approx(lost.angular_momentum[0], rel=1e-10)
     assert lost.stats.scheme == "Damped"
@@ -242,8 +243,8 @@ def _held_by(work):
     scene, arm = clamped_bar((1, 0.3), section, elements=2, gravity=(0, -9.81))
     scene.add_virtual_work(work)
     states = [fb.static(scene, load_steps=n) for n in (1, 3)]
-    found = [fb.modes(scene, state, n=2).eigenvalues for state in (None, states[0])]
-    return [state.q[-1] for state in states], found
+    roots = [fb.modes(scene, state, n=2).eigenvalues for state in (None, states[0])]
+    return [state.q[-1] for state in states], roots
 
 
 @pytest.mark.parametrize(
@@ -260,9 +261,9 @@ def _held_by(work):
     ],
     ids=["increment over length", "start of the step"],
 )
-def test_forces_of_increments_and_starts_know_no_motion_in_load_steps(of_step, of_level):
+def test_forces_of_increments_and_starts_know_no_motion_in_load_steps(step_system, level_system):
     # As the steps of the load get shorter, both are the same force.
-    step_forces, wanted = _held_by(of_step), _held_by(of_level)
+    step_forces, wanted = _held_by(step_system), _held_by(level_system)
     for values, exact in zip(
         [*step_forces[0], *step_forces[1]], [*wanted[0], *wanted[1]], strict=True
     ):
@@ -289,9 +290,9 @@ def test_small_motions_see_forces_of_starts_and_ends_as_those_of_places(of_step,
         return fb.linearise(scene, state=motion).A, motion
 
     expected, motion = system(lambda step: step.u + 0.1 * step.v)
-    found, _ = system(of_step, motion)
-    assert abs(found - expected).max() < 1e-6 * abs(expected).max()
-    values = (np.sort_complex(np.linalg.eigvals(A)) for A in (found, expected))
+    computed, _ = system(of_step, motion)
+    assert abs(computed - expected).max() < 1e-6 * abs(expected).max()
+    values = (np.sort_complex(np.linalg.eigvals(A)) for A in (computed, expected))
     assert next(values) == pytest.approx(next(values), rel=1e-4)
 
 
@@ -325,11 +326,11 @@ def test_code_of_laws_that_nothing_has_any_more_leaves_the_process(law):
         gc.collect()
         return len(mapped() - before)
 
-    kept = motion(0.5)
-    by_one, known = left_by_others(0, 1), kept.energy.total[-1]
-    assert left_by_others(1, 2) <= by_one
+    undamped = motion(0.5)
+    together, known = left_by_others(0, 1), undamped.energy.total[-1]
+    assert left_by_others(1, 2) <= together
     # What a solution reads later is there as long as the solution.
-    N = kept.resultants(next(iter(kept.beams.values()))).N
+    N = undamped.resultants(next(iter(undamped.beams.values()))).N
     assert np.isfinite(N).all()
     again = motion(0.5)
     assert again.energy.total[-1] == known

@@ -90,13 +90,13 @@ def test_other_values_compile_nothing_and_are_the_numbers_that_would_be_compiled
     first = moved(valued(build))
     with monkeypatch.context() as patch:
         patch.setattr(library_cache, "_built", lambda *_: pytest.fail("compiled"))
-        found, scene = moved(valued(build, 2.5)), valued(build)
+        computed, scene = moved(valued(build, 2.5)), valued(build)
         for name in NAMES[build]:
             assert abs(moved(valued(build, **{name: 2.5})) - first).max() > 1e-4, name
             scene.parameters[name] = 2.5
         changed = moved(scene)
-    assert (changed == found).all()
-    assert found == pytest.approx(moved(build(lambda name: 2.5)), abs=1e-9)
+    assert (changed == computed).all()
+    assert computed == pytest.approx(moved(build(lambda name: 2.5)), abs=1e-9)
 
 
 def ended(scene):
@@ -191,13 +191,13 @@ def test_resultants_are_those_of_the_values_in_the_run():
     scene, arm = swinging(energy_of(k))
     solution = fb.simulate(scene, dt=0.001, t_end=0.1)
     scene.parameters["k"] = 100.0
-    of_step = solution.resultants(arm).M
+    constant = solution.resultants(arm).M
     scene.parameters["k"] = pulse
-    assert of_step == pytest.approx(
+    assert constant == pytest.approx(
         fb.simulate(scene, dt=0.001, t_end=0.1).resultants(arm).M, abs=1e-12
     )
     rows = solution.t_level
-    curvature = of_step / (EI * pulse(rows))[:, None]
+    curvature = constant / (EI * pulse(rows))[:, None]
     nodes = solution.nodes_of_beam[arm.name]
     turn = np.diff(solution.q[:, nodes, 2], axis=1) * 4
     assert curvature[1:] == pytest.approx((turn[1:] + turn[:-1]) / 2, abs=1e-9)
@@ -305,8 +305,8 @@ def test_small_motions_about_a_state_have_the_parameters_of_its_time():
     def check(state):
         (root,) = fb.modes(scene, state, n=1).eigenvalues
         assert root == pytest.approx(-0.5 + 15.75**0.5 * 1j, rel=1e-6)
-        found = fb.frequency_response(scene, (body, (1.0, 0.0)), body, [0.0], state)
-        assert found.values[0, 0] == pytest.approx(1 / 16, rel=1e-6)
+        response = fb.frequency_response(scene, (body, (1.0, 0.0)), body, [0.0], state)
+        assert response.values[0, 0] == pytest.approx(1 / 16, rel=1e-6)
 
     check(fb.simulate(scene, dt=0.1, t_end=1.0))
     scene.add_force(body, (8.0, 0.0))

@@ -104,9 +104,9 @@ def test_a_beam_that_is_removed_takes_the_loads_at_its_places_with_it():
     other = scene.add_beam([(0, 1), (3, 1)], SECTION, elements=1)
     scene.clamp(other.start)
     scene.add_force(beam.at(1.0), (0, -1.0))
-    kept = scene.add_force(other.at(1.0), (0, -1.0))
+    other_load = scene.add_force(other.at(1.0), (0, -1.0))
     scene.remove(beam)
-    assert scene.loads == [kept]
+    assert scene.loads == [other_load]
 
 
 def test_a_place_on_a_beam_of_another_scene_is_refused():

@@ -50,12 +50,12 @@ def test_a_motion_within_the_elastic_range_keeps_the_plastic_strain_of_its_start
     load = scene.change(load, (0.0, 0.0))
     released = fb.static(scene, start=pushed)
     scene.change(load, lambda t: (0.5 * math.sin(2 * t), 0.0))
-    found = fb.periodic(scene, start=released, period=math.pi, steps=101).solution.joint(guide)
+    computed = fb.periodic(scene, start=released, period=math.pi, steps=101).solution.joint(guide)
     left = released.joint(guide).internal("plastic slide")[-1]
     assert left == pytest.approx(10 * max(push - 2.0, 0.0), rel=1e-9)
-    assert found.internal("plastic slide") == pytest.approx(np.full(102, left), abs=1e-12)
-    assert np.ptp(found.slide) / 2 == pytest.approx(0.5 / math.hypot(3.0, 0.4), rel=2e-3)
-    assert found.slide.max() + found.slide.min() == pytest.approx(2 * left, abs=1e-3)
+    assert computed.internal("plastic slide") == pytest.approx(np.full(102, left), abs=1e-12)
+    assert np.ptp(computed.slide) / 2 == pytest.approx(0.5 / math.hypot(3.0, 0.4), rel=2e-3)
+    assert computed.slide.max() + computed.slide.min() == pytest.approx(2 * left, abs=1e-3)
 
 
 def frequency_of_duffing(amplitude):

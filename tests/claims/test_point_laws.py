@@ -65,8 +65,8 @@ def test_a_mass_on_springs_hangs_and_vibrates_as_linear_theory_says():
     r = np.hypot(1, y)
     pull = 400 * (r - np.sqrt(2))
     assert 2 * pull * y / r == pytest.approx(20.0, rel=1e-9)
-    found = fb.modes(scene, state=state).frequencies
+    frequencies = fb.modes(scene, state=state).frequencies
     # Along and across: k sin^2 + (F / r) cos^2 of each spring, and the same with both exchanged.
     c, s = 1 / r, y / r
     k = 2 * (400 * np.array([c**2, s**2]) + pull / r * np.array([s**2, c**2]))
-    assert found == pytest.approx(np.sort(np.sqrt(k / 2.0)) / (2 * np.pi), rel=1e-6)
+    assert frequencies == pytest.approx(np.sort(np.sqrt(k / 2.0)) / (2 * np.pi), rel=1e-6)

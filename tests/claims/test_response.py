@@ -104,10 +104,10 @@ def test_every_number_of_a_scene_is_set(build, scheme, every):
     assert len(chosen) > 60 / every
     reused, felt, missed = 0, 0, []
     for k in chosen:
-        found = outcome(lambda k=k: run([k])[1]["all"])
+        computed = outcome(lambda k=k: run([k])[1]["all"])
         reused += not run.stats.setup_reason
-        felt += found != first
-        if found != outcome(lambda k=k: everything(fb.simulate(changed([k])[0], **how))):
+        felt += computed != first
+        if computed != outcome(lambda k=k: everything(fb.simulate(changed([k])[0], **how))):
             missed.append(k)
     assert missed == []
     assert every > 1 or felt > 0.6 * len(chosen)  # others only were on the way to numbers
@@ -308,12 +308,12 @@ def test_what_a_motor_did_before_the_start_depends_on_no_number():
     assert run.jacobian()["moment"][1:, 0] == pytest.approx(expected, abs=1e-9)
 
 
-def measured(case, kept=None):
+def measured(case, solutions=None):
     """The end of a pendulum, and how it was set up; the solution is kept, if a list is given."""
     scene, outputs = pendulum(case["x"])
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
-    if kept is not None:
-        kept.append(solution)
+    if solutions is not None:
+        solutions.append(solution)
     end = solution.position(outputs["end"].of)
     return {"end": end.tolist(), "reason": solution.stats.setup_reason}
 
@@ -332,11 +332,11 @@ def test_sweeps_set_numbers_only_and_give_the_same():
 
 def test_a_solution_in_use_keeps_its_set_up():
     """Its resultants are computed when they are asked for."""
-    kept = []
+    solutions = []
     with ThreadPoolExecutor(1) as executor:
-        fb.sweep(lambda case: measured(case, kept), CASES, executor=executor)
-    assert kept[1].stats.setup_reason == "the last solution is still in use"
-    for solution, case in zip(kept, CASES, strict=True):
+        fb.sweep(lambda case: measured(case, solutions), CASES, executor=executor)
+    assert solutions[1].stats.setup_reason == "the last solution is still in use"
+    for solution, case in zip(solutions, CASES, strict=True):
         alone = fb.simulate(pendulum(case["x"])[0], dt=0.01, t_end=0.1)
         assert (solution.resultants("beam 1").M == alone.resultants("beam 1").M).all()
 

@@ -70,12 +70,12 @@ def test_a_joint_bears_the_resultants_of_its_row(every):
     for name in ("N", "Q"):
         pairs = getattr(r, name)[1:].reshape(8, 2, -1).mean(axis=1)[every - 1 :: every]
         assert getattr(halved.resultants(tip), name)[1:] == pytest.approx(pairs, rel=1e-6)
-    for found, each in (
+    for computed, each in (
         (halved.joint(joint).force, run.joint(joint).force),
         (halved.reaction(arm.start), run.reaction(arm.start)),
     ):
         pairs = each[1:].reshape(8, 2, 3).mean(axis=1)[every - 1 :: every]
-        assert found[1:] == pytest.approx(pairs, abs=1e-6 * force.max())
+        assert computed[1:] == pytest.approx(pairs, abs=1e-6 * force.max())
 
 
 def test_full_turns_that_are_counted_apart_are_in_the_starts_of_parts_as_well():

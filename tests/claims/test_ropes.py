@@ -130,8 +130,8 @@ def test_the_pull_of_all_laws_is_that_of_their_closed_forms():
     )
     motion = fb.simulate(scene, dt=1e-3, t_end=0.6)
     t, r = motion.t_level[1:], 1 + 0.3 * motion.t_level[1:]
-    beyond = np.where(r > 1.1, 500 * (r - 1.1), 0.0)
-    exact = 20 * (r - 0.5) + 3 * 0.3 + 0.7 + beyond + 2 * r + 0.3 + t
+    stretched = np.where(r > 1.1, 500 * (r - 1.1), 0.0)
+    exact = 20 * (r - 0.5) + 3 * 0.3 + 0.7 + stretched + 2 * r + 0.3 + t
     assert motion.joint(line).force[1:] == pytest.approx(exact, abs=500 * 0.3e-3 / 4)
     assert motion.joint(line).length == pytest.approx(1 + 0.3 * motion.t, rel=1e-12)
     # A prop pushes: at the lower limit of its stop the pull is negative.

@@ -120,10 +120,10 @@ def test_modal_damping_gives_each_mode_its_ratio():
         ([0.01, 0.05, 0.03], [0.01, 0.05, 0.03]),
         ([0.01, 0.05], [0.01, 0.05, 0.05 * w[2] / w[1]]),
     ):
-        found = fb.frequency_response(scene, load, bodies[0], f, damping_ratio=ratio)
+        response = fb.frequency_response(scene, load, bodies[0], f, damping_ratio=ratio)
         of_modes = w**2 + 2j * np.array(zeta) * w * 2 * np.pi * f[:, None]
         exact = (phi[0] * phi[2] / (of_modes - (2 * np.pi * f[:, None]) ** 2)).sum(axis=1)
-        assert found.component("x") == pytest.approx(exact, rel=1e-9)
+        assert response.component("x") == pytest.approx(exact, rel=1e-9)
 
 
 def test_modal_damping_of_a_frame_on_a_shaken_base_and_beside_a_damping_of_the_scene():

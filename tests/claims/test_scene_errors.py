@@ -92,8 +92,8 @@ def test_massless_beams_that_mass_or_supports_hold_are_accepted(supports, mass, 
 def test_defaults_and_numbers_of_all_kinds_are_taken_as_they_are():
     scene, _ = small_scene()
     newton = fb.NewtonOptions(tolerance=np.float32(1e-6), max_iterations=np.int64(9), max_turn=3)
-    found = run(scene, dt=Fraction(1, 4), t_end=np.float32(0.5), newton=newton)
-    assert found.t.tolist() == [0.0, 0.25, 0.5] and found.stats.scheme == "EnergyMomentum"
+    computed = run(scene, dt=Fraction(1, 4), t_end=np.float32(0.5), newton=newton)
+    assert computed.t.tolist() == [0.0, 0.25, 0.5] and computed.stats.scheme == "EnergyMomentum"
     assert fb.Record(every=np.int64(2), motion=np.True_, rates=np.False_).every == 2
     assert fb.HHT(-1 / 3).rates.beta == pytest.approx((4 / 3) ** 2 / 4, abs=1e-15)
     level = fb.InternalVariables(("a",), lambda old, *rest: old, level=np.float32(1)).level

@@ -119,8 +119,8 @@ def test_section_forces_of_rows_do_not_depend_on_which_are_recorded(every):
     _, _, solution = moved(fb.GeneralizedAlpha(0.6), fb.Record(every=every))
     _, _, whole = moved(fb.GeneralizedAlpha(0.6))
     rows = np.searchsorted(whole.t, solution.t - 1e-9)
-    found, known = (motion.resultants("leg").at([0.1, 0.5]).M for motion in (solution, whole))
-    assert found[1:] == pytest.approx(known[rows][1:], abs=1e-7 * abs(known).max())
+    computed, known = (motion.resultants("leg").at([0.1, 0.5]).M for motion in (solution, whole))
+    assert computed[1:] == pytest.approx(known[rows][1:], abs=1e-7 * abs(known).max())
 
 
 def test_files_copies_and_joined_motions_have_section_forces(tmp_path):
@@ -128,8 +128,8 @@ def test_files_copies_and_joined_motions_have_section_forces(tmp_path):
     solution.save(tmp_path / "run.npz")
     known = solution.resultants("leg").at([0.0, 0.1, 0.3, 0.7])
     for same in (fb.load(tmp_path / "run.npz"), pickle.loads(pickle.dumps(solution))):
-        found = same.resultants("leg").at([0.0, 0.1, 0.3, 0.7])
-        for one, other in zip(known, found, strict=True):
+        computed = same.resultants("leg").at([0.0, 0.1, 0.3, 0.7])
+        for one, other in zip(known, computed, strict=True):
             np.testing.assert_array_equal(one, other)
     more = fb.simulate(scene, dt=0.01, t_end=0.4, start=solution)
     whole = solution.then(more).resultants("leg").at(0.4).M

@@ -38,8 +38,8 @@ def test_a_pendulum_hangs_down_wherever_it_starts(angle, how):
     assert path.load_factor[[0, -1]].tolist() == [0.25, 1.0]
     assert path.position(bob) == pytest.approx(np.array([[0.0, -1.0]] * len(path.t)), abs=1e-9)
     assert path.stable.all() and path.critical_points == []
-    found = fb.modes(scene, path, n=1).angular_frequencies
-    assert found == pytest.approx([frequency], rel=1e-9)
+    frequencies = fb.modes(scene, path, n=1).angular_frequencies
+    assert frequencies == pytest.approx([frequency], rel=1e-9)
 
 
 def test_a_pendulum_on_its_head_is_said_to_be_unstable(caplog):
@@ -92,11 +92,11 @@ def test_an_arm_hangs_with_a_force_of_ones_own_as_with_a_load(wind, how):
     if wind:
         scene.add_virtual_work(lambda step: wind * step.load_factor * step.virtual_u[0])
         loaded.add_line_load(other, (wind, 0.0))
-    found, exact = (
+    computed, exact = (
         fb.static(variant, load_steps=5, continuation=how) for variant in (scene, loaded)
     )
-    assert found.load_factor[[0, -1]].tolist() == exact.load_factor[[0, -1]].tolist() == [0.2, 1]
-    assert found.position(arm.end)[-1] == pytest.approx(exact.position(other.end)[-1], abs=1e-9)
+    assert computed.load_factor[[0, -1]].tolist() == exact.load_factor[[0, -1]].tolist() == [0.2, 1]
+    assert computed.position(arm.end)[-1] == pytest.approx(exact.position(other.end)[-1], abs=1e-9)
 
 
 def test_a_bed_of_ones_own_holds_an_arm_from_the_start():

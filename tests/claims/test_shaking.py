@@ -178,9 +178,9 @@ def test_derivatives_by_the_values_of_a_record_add_up_to_the_motion():
         return scene, {"x": fb.Output("displacement", body, "x")}
 
     run = fb.Response(build, dt=0.01, t_end=1.5)
-    found = run(RECORD[1])[1]
-    assert run.jacobian()["x"] @ RECORD[1] == pytest.approx(found["x"], abs=1e-14)
-    gradient = run.vjp({"x": np.ones_like(found["x"])})
+    computed = run(RECORD[1])[1]
+    assert run.jacobian()["x"] @ RECORD[1] == pytest.approx(computed["x"], abs=1e-14)
+    gradient = run.vjp({"x": np.ones_like(computed["x"])})
     assert gradient == pytest.approx(run.jacobian()["x"].sum(axis=0), rel=1e-10)
 
 

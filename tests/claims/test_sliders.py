@@ -44,8 +44,8 @@ def thrown(make=fb.Slider, shape="straight", degree=1, speed=8.0, **options):
 
 def assert_kept(solution):
     """Energy and both momenta."""
-    for kept in (solution.energy.total, solution.linear_momentum, solution.angular_momentum):
-        assert drift(kept) < 1e-11
+    for invariant in (solution.energy.total, solution.linear_momentum, solution.angular_momentum):
+        assert drift(invariant) < 1e-11
 
 
 @pytest.mark.parametrize(
@@ -130,12 +130,12 @@ MADE = {
 def test_what_slides_is_in_balance(made, scheme):
     run = {"scheme": scheme, "dt": 0.01, "t_end": 0.2}
     assert_balanced(MADE[made](), **run)
-    found = fb.simulate(MADE[made](), **run)
+    solution = fb.simulate(MADE[made](), **run)
     *_, storage = made.split()
-    assert storage not in ("chain", "band", "sparse") or storage in found.stats.solver
-    assert found.stats.newton_iterations <= 4.5 * found.stats.steps
+    assert storage not in ("chain", "band", "sparse") or storage in solution.stats.solver
+    assert solution.stats.newton_iterations <= 4.5 * solution.stats.steps
     if scheme.name == "EnergyMomentum":
-        assert abs(found.energy.balance_error).max() < 1e-10 * found.energy.kinetic.max()
+        assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
 
 
 # -- References --------------------------------------------------------------------------------
@@ -166,8 +166,8 @@ def test_a_bead_on_a_circular_wire_swings_as_a_pendulum(degree, error):
     exact = scipy.integrate.solve_ivp(
         pendulum, (0, 1.2), (start, 0), t_eval=solution.t, rtol=1e-11, atol=1e-12
     )
-    found = np.arctan2(x, -y)
-    assert np.ptp(found) > 1.5 and abs(found - exact.y[0]).max() < error
+    computed = np.arctan2(x, -y)
+    assert np.ptp(computed) > 1.5 and abs(computed - exact.y[0]).max() < error
     # The joint's force on the bead is m (a - g).
     mean = np.diff(solution.velocity(node), axis=0) / 0.001 + (0, 9.81)
     assert solution.joint(joint).force[1:, :2] == pytest.approx(2.0 * mean, abs=1e-7)
@@ -557,9 +557,9 @@ def tensions_beside_a_pulley(length, elements, stiffness=50.0, moving=False):
 
 
 def test_a_pulley_on_a_cable_comes_to_equal_tensions_as_bending_and_elements_shrink():
-    found = [tensions_beside_a_pulley(0.08 / k, 20 * k) for k in (1, 2, 4)]
-    assert found[0] < 0.04
-    assert np.log2(found[0] / np.array(found[1:])) == pytest.approx([1, 2], abs=0.25)
+    tensions = [tensions_beside_a_pulley(0.08 / k, 20 * k) for k in (1, 2, 4)]
+    assert tensions[0] < 0.04
+    assert np.log2(tensions[0] / np.array(tensions[1:])) == pytest.approx([1, 2], abs=0.25)
 
 
 def test_elements_longer_than_the_bend_under_a_pulley_hold_it_as_friction_would():

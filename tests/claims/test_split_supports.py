@@ -29,12 +29,12 @@ def test_a_pin_may_be_held_at_any_of_its_nodes(x, y):
     together, bars, _ = pinned((0, "x"), (0, "y"))
     expected = fb.simulate(together, **RUN)
     apart, own, _ = pinned((x, "x"), (y, "y"))
-    found = fb.simulate(apart, **RUN)
+    solution = fb.simulate(apart, **RUN)
     assert abs(expected.q).max() > 0.3
-    assert found.q == pytest.approx(expected.q, rel=0, abs=1e-8)
+    assert solution.q == pytest.approx(expected.q, rel=0, abs=1e-8)
     scale = 1e-7 * abs(expected.reactions).max()
     for i, bar in ((0, x), (1, y)):
-        held, reference = found.reaction(own[bar].start), expected.reaction(bars[0].start)
+        held, reference = solution.reaction(own[bar].start), expected.reaction(bars[0].start)
         assert held[:, i] == pytest.approx(reference[:, i], rel=0, abs=scale)
         assert x == y or not held[:, 1 - i].any()
 
@@ -53,17 +53,17 @@ def test_forces_balance_where_x_of_a_and_y_of_b_are_held(kind):
     assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
 
     # What the joint and the support do to the second beam moves it, along x and y and about b.
-    on_b = (solution.joint(joint).force + solution.reaction(second.start))[1:]
-    scale = 1e-8 * abs(on_b).max()
+    joint_force = (solution.joint(joint).force + solution.reaction(second.start))[1:]
+    scale = 1e-8 * abs(joint_force).max()
     wanted = momenta(solution.a, second)[1:]
     wanted[..., 1] += 9.81 * second.length / 2 * np.array([0.5, 1, 0.5])
     wanted[:, -1, :2] -= (3.0, 2.0)
-    assert on_b[:, :2] == pytest.approx(wanted[..., :2].sum(axis=1), rel=0, abs=scale)
+    assert joint_force[:, :2] == pytest.approx(wanted[..., :2].sum(axis=1), rel=0, abs=scale)
     x = solution.shape(second)
     middle = (x[1:] + x[:-1]) / 2
     levers = (middle - middle[:, :1]) @ W.T
     moment = np.sum(levers * wanted[..., :2], axis=(1, 2)) + wanted[..., 2].sum(axis=1)
-    assert on_b[:, 2] == pytest.approx(moment, rel=0, abs=scale)
+    assert joint_force[:, 2] == pytest.approx(moment, rel=0, abs=scale)
 
 
 @pytest.mark.parametrize("kind", ["rigid", *SLIDING])

@@ -277,10 +277,10 @@ def bent(**section):
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
 def test_a_massless_member_has_the_rotation_of_its_moment_in_every_row(scheme):
     scene, beam = bent()
-    found = fb.simulate(scene, scheme, dt=0.01, t_end=0.05)
-    assert found.rotation(beam.end) == pytest.approx(np.full(6, 2.0), abs=1e-9)
-    assert abs(found.energy.balance_error).max() < 1e-12
-    assert found.energy.strain[0] == pytest.approx(20.0)
+    solution = fb.simulate(scene, scheme, dt=0.01, t_end=0.05)
+    assert solution.rotation(beam.end) == pytest.approx(np.full(6, 2.0), abs=1e-9)
+    assert abs(solution.energy.balance_error).max() < 1e-12
+    assert solution.energy.strain[0] == pytest.approx(20.0)
     motion = fb.Motion(scene, scheme, dt=0.01)
     for _ in range(2):
         assert motion.q[beam.end.number, 2] == pytest.approx(2.0, abs=1e-9)
@@ -298,15 +298,15 @@ def test_what_hangs_on_a_mass_follows_it_at_its_own_stretch(scheme):
         scene.fix(node, "y", "rotation")
     scene.add_mass(middle, mass)
     scene.add_force(bar.end, (force, 0.0))
-    found = fb.simulate(scene, scheme, dt=0.01, t_end=1.0)
-    x = found.displacement(middle)[:, 0]
-    stretch = found.displacement(bar.end)[:, 0] - x
+    solution = fb.simulate(scene, scheme, dt=0.01, t_end=1.0)
+    x = solution.displacement(middle)[:, 0]
+    stretch = solution.displacement(bar.end)[:, 0] - x
     assert stretch == pytest.approx(np.full(len(x), force / k), rel=1e-3)
     assert abs(x[0]) < 1e-15
     # The force pulls the mass from the first step on.
-    assert found.acceleration(middle)[0, 0] == pytest.approx(force / mass)
+    assert solution.acceleration(middle)[0, 0] == pytest.approx(force / mass)
     omega = np.sqrt(k / mass)
-    assert x == pytest.approx(force / k * (1 - np.cos(omega * found.t)), abs=0.02 * force / k)
+    assert x == pytest.approx(force / k * (1 - np.cos(omega * solution.t)), abs=0.02 * force / k)
 
 
 def beside_its_end(held, **section):
@@ -342,19 +342,19 @@ def massless_cantilever(**section):
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
 @pytest.mark.parametrize("masses", [beside_its_end, along_it])
 def test_a_massless_beam_begins_as_if_the_masses_that_it_carries_were_held(masses, scheme, dt):
-    found = fb.simulate(masses(held=False), scheme, dt=dt, t_end=4 * dt)
+    solution = fb.simulate(masses(held=False), scheme, dt=dt, t_end=4 * dt)
     held = fb.static(masses(held=True))
     (nodes,) = held.nodes_of_beam.values()
-    assert found.q[0, nodes] == pytest.approx(held.q[-1, nodes], abs=1e-7)
-    assert len(found.t) == 5
+    assert solution.q[0, nodes] == pytest.approx(held.q[-1, nodes], abs=1e-7)
+    assert len(solution.t) == 5
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
 def test_damping_holds_a_massless_beam_that_carries_a_mass_at_the_start(scheme):
     scene = beside_its_end(held=False, retardation=1e-4)
-    found = fb.simulate(scene, scheme, dt=0.02, t_end=0.04)
-    assert abs(found.q[0]).max() < 1e-7
-    assert abs(found.q[1]).max() > 1e-3
+    solution = fb.simulate(scene, scheme, dt=0.02, t_end=0.04)
+    assert abs(solution.q[0]).max() < 1e-7
+    assert abs(solution.q[1]).max() > 1e-3
 
 
 def test_a_massless_slide_starts_where_its_spring_balances_the_force():
@@ -363,9 +363,9 @@ def test_a_massless_slide_starts_where_its_spring_balances_the_force():
     joint = fb.Prismatic(guide.end, tail.start, axis=(1, 0), spring=fb.Spring(50.0))
     joint = scene.add_joint(joint)
     scene.add_force(tail.end, (10.0, 0.0))
-    found = fb.simulate(scene, dt=1e-3, t_end=0.05)
-    assert found.joint(joint).slide == pytest.approx(np.full(51, 0.2), abs=1e-6)
-    assert abs(found.energy.balance_error).max() < 1e-12
+    solution = fb.simulate(scene, dt=1e-3, t_end=0.05)
+    assert solution.joint(joint).slide == pytest.approx(np.full(51, 0.2), abs=1e-6)
+    assert abs(solution.energy.balance_error).max() < 1e-12
 
 
 def ball_over_a_rough_floor(scene):
@@ -400,9 +400,9 @@ def test_a_load_that_begins_at_zero_finds_the_start_as_it_is():
     scene, beam = bent()
     scene.loads.clear()
     scene.add_moment(beam.end, lambda t: 20.0 * t)
-    found = fb.simulate(scene, dt=0.01, t_end=0.1)
-    assert not found.q[0].any()
-    assert found.rotation(beam.end) == pytest.approx(2 * found.t, abs=2e-5)  # of second order
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    assert not solution.q[0].any()
+    assert solution.rotation(beam.end) == pytest.approx(2 * solution.t, abs=2e-5)  # of second order
 
 
 def remembering(update):
@@ -425,10 +425,10 @@ def relax(old, strains0, strains, dt):
 def test_a_massless_member_creeps_from_its_elastic_bend_on(scheme):
     """Zener: of the moment that a jump finds, two of three parts relax in 0.5 s at a strain."""
     scene, beam = remembering(relax)
-    found = fb.simulate(scene, scheme, dt=0.01, t_end=1.0)
-    exact = 0.3 * (1 - 2 / 3 * np.exp(-found.t / 1.5))
-    assert found.rotation(beam.end) == pytest.approx(exact, abs=2e-4)
-    assert abs(found.energy.balance_error).max() < 1e-12
+    solution = fb.simulate(scene, scheme, dt=0.01, t_end=1.0)
+    exact = 0.3 * (1 - 2 / 3 * np.exp(-solution.t / 1.5))
+    assert solution.rotation(beam.end) == pytest.approx(exact, abs=2e-4)
+    assert abs(solution.energy.balance_error).max() < 1e-12
 
 
 def test_a_massless_member_that_may_yield_starts_as_it_is_with_a_warning(caplog):
@@ -436,8 +436,8 @@ def test_a_massless_member_that_may_yield_starts_as_it_is_with_a_warning(caplog)
         return [ufl.conditional(abs(strains[2] - old[0]) > 5, strains[2], old[0])]
 
     scene, _ = remembering(flow)
-    found = fb.simulate(scene, dt=0.01, t_end=0.01)
-    assert not found.q[0].any()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.01)
+    assert not solution.q[0].any()
     assert "no equilibrium was found at the start for nodes without mass" in caplog.text
 
 

@@ -113,13 +113,13 @@ def test_breaks_are_met_and_other_jumps_are_found_by_rejected_steps():
     scene.add_force(beam.end, lambda t: (40.0 * (t > 0.5), 0.0))
     options = {"t_end": 1.0, "tolerance": 1e-4}
     with_breaks = fb.simulate(scene, breaks=[0.5, 0.0, 9.0], **options)
-    found = fb.simulate(scene, **options)
-    assert 0.5 in with_breaks.t and 0.5 not in found.t
-    at_jump = np.searchsorted(found.t, 0.5) - 1
-    assert np.diff(found.t)[at_jump] < 0.5 * np.diff(found.t)[at_jump - 20]
+    motion = fb.simulate(scene, **options)
+    assert 0.5 in with_breaks.t and 0.5 not in motion.t
+    at_jump = np.searchsorted(motion.t, 0.5) - 1
+    assert np.diff(motion.t)[at_jump] < 0.5 * np.diff(motion.t)[at_jump - 20]
     exact = reference(scene, 1.0, 1000)  # its steps meet the jump
     assert error(with_breaks, exact) < 5e-4
-    for solution in (found, with_breaks):
+    for solution in (motion, with_breaks):
         energy = solution.energy
         assert abs(energy.balance_error).max() < 1e-11 * abs(energy.total).max()
 
@@ -197,10 +197,10 @@ def test_newmarks_scheme_follows_a_tolerance_and_schemes_of_order_one_are_refuse
         assert_refused("order 1", fb.simulate, scene, scheme, t_end=1.0, tolerance=1e-3)
 
 
-def disc(scene, inertia, *of_hinge, **laws):
+def disc(scene, inertia, *carriers, **laws):
     """A flywheel on the ground, or on another one, about its own axis."""
     body = scene.add_body((0, 0), mass=1.0, inertia=inertia)
-    carrier = of_hinge[0].centre if of_hinge else fb.GROUND
+    carrier = carriers[0].centre if carriers else fb.GROUND
     return body, scene.add_joint(fb.Revolute(carrier, body.centre, **laws))
 
 

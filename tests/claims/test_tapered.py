@@ -31,8 +31,8 @@ def test_a_tapered_cantilever_bends_by_the_integral_of_its_flexibility(degree):
     exact, _ = quad(
         lambda x: force * ((2 - x) ** 2 / section.EI(x / 2) + 1 / section.GA(x / 2)), 0, 2
     )
-    found = [end_of_cantilever(section, (0, force), n, degree)[1] for n in (8, 16)]
-    errors = abs(np.array(found) / exact - 1)
+    computed = [end_of_cantilever(section, (0, force), n, degree)[1] for n in (8, 16)]
+    errors = abs(np.array(computed) / exact - 1)
     assert np.log2(errors[0] / errors[1]) > 2 * degree - 0.4
     assert errors[1] < {1: 1e-2, 2: 1e-4, 3: 1e-6}[degree]
 

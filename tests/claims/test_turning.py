@@ -90,8 +90,8 @@ def test_a_mass_on_a_spring_loses_the_square_of_the_spin(normal):
     scene, body, rail, state = on_rail(normal, spin=3.0)
     reach = 0.0 if normal else 2 * 9 * 0.4 / (50 - 2 * 9)
     assert state.joint(rail).slide[-1] == pytest.approx(reach, abs=1e-10)
-    found = fb.modes(scene, state, n=1)
-    assert found.angular_frequencies == pytest.approx([np.sqrt(50 / 2 - 9)], rel=1e-9)
+    modes = fb.modes(scene, state, n=1)
+    assert modes.angular_frequencies == pytest.approx([np.sqrt(50 / 2 - 9)], rel=1e-9)
     f = [0.0, 0.3, 2.0]
     seen = fb.frequency_response(scene, (body.centre, (1.0, 1.0)), rail, f, state).values[:, 0]
     assert seen == pytest.approx(1 / (50 - 18 - 2 * (2 * np.pi * np.array(f)) ** 2), rel=1e-9)
@@ -118,10 +118,10 @@ def whirling(kx, ky, spin, retardation=0.0):
 def test_a_symmetric_rotor_whirls_forwards_and_backwards_at_every_spin(spin):
     omega = 10.0
     scene, state = whirling(omega**2, omega**2, spin)
-    found = fb.modes(scene, state, n=2)
-    assert found.angular_frequencies == pytest.approx([abs(omega - spin), omega + spin], rel=1e-8)
-    assert not found.unstable.any()
-    for shape, turns in zip(found.shapes[:, 0], (np.sign(omega - spin), -1), strict=True):
+    modes = fb.modes(scene, state, n=2)
+    assert modes.angular_frequencies == pytest.approx([abs(omega - spin), omega + spin], rel=1e-8)
+    assert not modes.unstable.any()
+    for shape, turns in zip(modes.shapes[:, 0], (np.sign(omega - spin), -1), strict=True):
         # x + i y turns forwards with e^(i omega t) where y lags a quarter behind x.
         assert shape[1] / shape[0] == pytest.approx(-1j * turns, abs=1e-6)
 
@@ -129,9 +129,9 @@ def test_a_symmetric_rotor_whirls_forwards_and_backwards_at_every_spin(spin):
 def roots(kx, ky, c, spin):
     """Roots of a mass on two springs with dampers in the turning frame, by its polynomial."""
     x, y = (Polynomial([k - spin**2, c * k, 1.0]) for k in (kx, ky))
-    found = (x * y + Polynomial([0, 2 * spin]) ** 2).roots()
-    found = found[found.imag >= -1e-9]
-    return found[np.lexsort((found.imag, abs(found)))]
+    computed = (x * y + Polynomial([0, 2 * spin]) ** 2).roots()
+    computed = computed[computed.imag >= -1e-9]
+    return computed[np.lexsort((computed.imag, abs(computed)))]
 
 
 @pytest.mark.parametrize(
@@ -145,11 +145,11 @@ def roots(kx, ky, c, spin):
 )
 def test_an_unsymmetric_or_damped_rotor_has_the_roots_of_its_polynomial(kx, ky, c, spin):
     scene, state = whirling(kx, ky, spin, retardation=c)
-    found, exact = fb.modes(scene, state, n=3), roots(kx, ky, c, spin)
-    for root in found.eigenvalues:
+    modes, exact = fb.modes(scene, state, n=3), roots(kx, ky, c, spin)
+    for root in modes.eigenvalues:
         assert abs(exact - root).min() < 1e-6 * abs(root)
     unstable = spin == 11.0
-    assert found.unstable.any() == unstable == (exact.real.max() > 1e-6)
+    assert modes.unstable.any() == unstable == (exact.real.max() > 1e-6)
     system = np.linalg.eigvals(fb.linearise(scene, state).A)
     for root in exact:
         assert abs(system - root).min() < 1e-6 * abs(root)
@@ -207,9 +207,9 @@ PUBLISHED = {0: 3.5160, 1: 3.6816, 3: 4.7973, 6: 7.3604}
 def test_a_turning_cantilever_has_the_published_table():
     for eta, published in PUBLISHED.items():
         scene, _ = blade(SLENDER, elements=10, degree=3)
-        found = fb.modes(scene, fb.static(scene, load_steps=2, spin=float(eta)), n=1)
+        modes = fb.modes(scene, fb.static(scene, load_steps=2, spin=float(eta)), n=1)
         # Out of the plane the frame takes nothing from the square.
-        across = np.hypot(found.angular_frequencies[0], eta)
+        across = np.hypot(modes.angular_frequencies[0], eta)
         assert across == pytest.approx(published, abs=6e-5)
         assert ritz(eta)[1][0] == pytest.approx(published, abs=6e-5)
 
@@ -218,9 +218,9 @@ def test_a_turning_cantilever_has_the_published_table():
 def test_a_slender_blade_has_the_frequencies_of_the_ritz_method(eta, hub):
     scene, _ = blade(SLENDER, elements=10, degree=3)
     state = fb.static(scene, load_steps=2, spin=float(eta), pivot=(-hub, 0.0))
-    found = fb.modes(scene, state, n=2)
+    modes = fb.modes(scene, state, n=2)
     # Axial elasticity of 1e-7 of the stiffness and Coriolis forces change the last digits.
-    assert found.angular_frequencies == pytest.approx(ritz(eta, hub)[0], rel=2e-5)
+    assert modes.angular_frequencies == pytest.approx(ritz(eta, hub)[0], rel=2e-5)
 
 
 def test_a_blade_vibrates_in_its_turn_with_its_frequency():
@@ -228,12 +228,12 @@ def test_a_blade_vibrates_in_its_turn_with_its_frequency():
     scene, beam = blade(spin=spin)
     scene.add_force(beam.end, fb.Input("push"), follower=True)
     state = fb.static(scene, spin=spin)
-    found = fb.modes(scene, state, n=2)
-    omega = found.angular_frequencies[0]
+    modes = fb.modes(scene, state, n=2)
+    omega = modes.angular_frequencies[0]
     outputs = fb.Output("displacement", beam.end, "y"), fb.Output("rotation", beam.end)
     system = fb.linearise(scene, state, outputs=dict(zip(("tip", "slope"), outputs, strict=True)))
     roots = np.linalg.eigvals(system.A)
-    for own in found.angular_frequencies:
+    for own in modes.angular_frequencies:
         assert abs(roots - 1j * own).min() < 1e-7 * own
     assert omega == pytest.approx(np.sqrt(10) * ritz(spin / np.sqrt(10))[0][0], rel=2e-3)
     pulse = {"push": lambda t: (0.0, size * (np.sin(np.pi * min(t, 0.3) / 0.3) ** 2))}
@@ -274,16 +274,16 @@ def test_many_modes_of_a_blade_are_the_poles_of_its_linear_system():
     scene.add_force(beam.end, (0.0, 5.0))
     state = fb.static(scene, spin=40.0)
     poles = np.linalg.eigvals(fb.linearise(scene, state).A).imag
-    found = fb.modes(scene, state, n=8).angular_frequencies
-    assert found == pytest.approx(np.sort(poles[poles > 0])[:8], rel=1e-7)
+    frequencies = fb.modes(scene, state, n=8).angular_frequencies
+    assert frequencies == pytest.approx(np.sort(poles[poles > 0])[:8], rel=1e-7)
 
 
 def test_modes_of_a_saved_turn_about_another_pivot_are_the_same(tmp_path):
     scene, _ = blade()
     state = fb.static(scene, spin=7.0, pivot=(0.2, -0.3))
     state.save(tmp_path / "turn.npz")
-    found = [fb.modes(scene, s, n=3) for s in (state, fb.load(tmp_path / "turn.npz"))]
-    assert (found[0].eigenvalues == found[1].eigenvalues).all()
+    modes = [fb.modes(scene, s, n=3) for s in (state, fb.load(tmp_path / "turn.npz"))]
+    assert (modes[0].eigenvalues == modes[1].eigenvalues).all()
 
 
 # -- What is refused ------------------------------------------------------------------------------

@@ -221,9 +221,9 @@ def test_powers_of_two_change_nothing(name, run, units):
     if (name, run) in REFUSED:
         pytest.skip("it is refused")
     u = POWERS[units]
-    for found, expected in zip(RUNS[run](SCENES[name](u), u), in_si(name, run), strict=True):
+    for computed, expected in zip(RUNS[run](SCENES[name](u), u), in_si(name, run), strict=True):
         most = 1e-10 * abs(expected).max(initial=1e-9) if (name, run) in ROUNDED else 0.0
-        assert abs(found - expected).max(initial=0.0) <= most
+        assert abs(computed - expected).max(initial=0.0) <= most
 
 
 def test_a_sleeve_on_a_beam_without_rotary_inertia_has_the_same_rates_and_forces_in_all_units():

@@ -25,8 +25,8 @@ def test_most_people_get_what_they_need(degree, elements):
     tip = fb.static(scene, linear=True).displacement(beam.end)[-1, 1]
     assert tip == pytest.approx(-1 / 3e3, rel=0.01)
     roots = 1.8751041, 4.6940911, 7.8547574
-    found = fb.modes(scene, n=3).angular_frequencies
-    for frequency, root, error in zip(found, roots, (0.01, 0.01, 0.04), strict=True):
+    frequencies = fb.modes(scene, n=3).angular_frequencies
+    for frequency, root, error in zip(frequencies, roots, (0.01, 0.01, 0.04), strict=True):
         assert frequency == pytest.approx(root**2 * math.sqrt(1e3), rel=error)
     scene, beam = beam_of(degree)
     scene.pin(beam.start)

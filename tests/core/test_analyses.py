@@ -163,12 +163,12 @@ def test_modes_are_those_of_the_textbook():
     hinge = {"spring": fb.Spring(50.0), "damper": fb.Damper(3.0)}
     scene.add_joint(fb.Revolute(fb.GROUND, rod.start, **hinge))
     scene.add_mass(rod.end, 0.5)
-    found = fb.modes(scene, n=2)
-    assert isinstance(found, fb.Modes)
+    modes = fb.modes(scene, n=2)
+    assert isinstance(modes, fb.Modes)
     # sqrt(50/(0.5 2^2)) and sqrt(100/1); 3/(2 sqrt(50 2)) and 4/(2 10) of the dampers.
-    assert found.angular_frequencies == pytest.approx([5.0, 10.0], rel=1e-6)
-    assert found.frequencies == pytest.approx([0.7957747, 1.5915494], rel=1e-6)
-    assert found.damping_ratios == pytest.approx([0.15, 0.2], rel=1e-6)
+    assert modes.angular_frequencies == pytest.approx([5.0, 10.0], rel=1e-6)
+    assert modes.frequencies == pytest.approx([0.7957747, 1.5915494], rel=1e-6)
+    assert modes.damping_ratios == pytest.approx([0.15, 0.2], rel=1e-6)
 
 
 def test_a_linear_system_has_the_poles_of_its_modes_and_the_slopes_of_the_motion():
@@ -188,11 +188,11 @@ def test_a_linear_system_has_the_poles_of_its_modes_and_the_slopes_of_the_motion
 def test_an_oscillator_lags_by_a_quarter_at_resonance():
     scene, body, guide = guided()
     w = np.array([0.0, 10.0, 25.0])
-    found = fb.frequency_response(scene, (body.centre, (0.5, 0.0)), guide, w / (2 * np.pi))
-    assert isinstance(found, fb.FrequencyResponse)
-    assert found.values[:, 0] == pytest.approx(0.5 / (100 + 4j * w - w**2), rel=1e-8)
-    assert found.phase[1, 0] == pytest.approx(-np.pi / 2)
-    assert found.names == ("slide",) and found.units == ("m",)
+    response = fb.frequency_response(scene, (body.centre, (0.5, 0.0)), guide, w / (2 * np.pi))
+    assert isinstance(response, fb.FrequencyResponse)
+    assert response.values[:, 0] == pytest.approx(0.5 / (100 + 4j * w - w**2), rel=1e-8)
+    assert response.phase[1, 0] == pytest.approx(-np.pi / 2)
+    assert response.names == ("slide",) and response.units == ("m",)
 
 
 def test_rayleigh_gives_the_ratios_that_were_asked_for():
@@ -289,15 +289,15 @@ def test_steps_with_held_inputs_are_those_of_simulate_and_a_snapshot_brings_them
     for _ in range(2):
         motion.restore(start)
         for k in range(20):
-            found = motion.step({"push": (float(k % 3), 0.0)})
+            computed = motion.step({"push": (float(k % 3), 0.0)})
         inputs = {"push": lambda t: (np.floor(t / 0.01) % 3, 0.0)}
         whole = fb.simulate(scene, dt=0.01, t_end=0.2, inputs=inputs)
-        assert found["x"] == pytest.approx(whole.position(body.centre)[-1, 0], abs=1e-12)
-        assert found["F"] == pytest.approx(whole.joint(guide).force[-1], abs=1e-10)
+        assert computed["x"] == pytest.approx(whole.position(body.centre)[-1, 0], abs=1e-12)
+        assert computed["F"] == pytest.approx(whole.joint(guide).force[-1], abs=1e-10)
     motion.solution().save(tmp_path / "run.npz")
     rows = fb.load(tmp_path / "run.npz")
     assert isinstance(rows, fb.Solution) and len(rows.t) == 11
-    assert rows.displacement(body.centre)[-1, 0] == found["x"]
+    assert rows.displacement(body.centre)[-1, 0] == computed["x"]
 
 
 def test_a_quantity_is_refined_until_it_is_known():
@@ -308,11 +308,11 @@ def test_a_quantity_is_refined_until_it_is_known():
     def tip(solution):
         return solution.displacement(solution.beams["arm"].end)[-1]
 
-    found = fb.converge(scene_of, tip, 2e-3, t_end=0.2, elements=2)
+    convergence = fb.converge(scene_of, tip, 2e-3, t_end=0.2, elements=2)
     fine = tip(fb.simulate(scene_of(16, 1), fb.EnergyMomentum(4), dt=1e-3, t_end=0.2))
-    assert isinstance(found, fb.Converged)
-    error = abs(found.value - fine).max()
-    assert error < 2e-3 and error / 3 < found.error <= 2e-3
+    assert isinstance(convergence, fb.Converged)
+    error = abs(convergence.value - fine).max()
+    assert error < 2e-3 and error / 3 < convergence.error <= 2e-3
 
 
 def _lowest(case):
@@ -353,7 +353,7 @@ def test_every_output_of_a_response_and_a_motion_is_what_a_solution_says():
     scene, outputs = observed(ONES)
     times = {"dt": 0.01, "t_end": 0.1}
     solution = fb.simulate(scene, **times)
-    _, found = fb.Response(observed, **times)(ONES)
+    _, computed = fb.Response(observed, **times)(ONES)
     node, joint, beam = scene.nodes[-1], solution.joint(scene.joints[0]), scene.beams[1]
     energy, resultants = solution.energy, solution.resultants(beam)
     kinds = (energy, fb.Energy), (joint, fb.JointMotion), (solution.stats, fb.Stats)
@@ -368,9 +368,9 @@ def test_every_output_of_a_response_and_a_motion_is_what_a_solution_says():
     }
     expected |= {f"beam {name}": getattr(resultants, name) for name in OF_BEAMS}
     expected["pin"] = solution.reaction(scene.nodes[0])[:, 2]
-    assert found.keys() == expected.keys()
+    assert computed.keys() == expected.keys()
     for name, rows in expected.items():
-        assert found[name] == pytest.approx(rows, rel=1e-9, abs=1e-9 * abs(rows).max()), name
+        assert computed[name] == pytest.approx(rows, rel=1e-9, abs=1e-9 * abs(rows).max()), name
     measured = {name: o for name, o in outputs.items() if name.startswith(("node", "joint", "pin"))}
     last = fb.Motion(scene, dt=0.01, outputs=measured).run(0.1)
     for name, value in last.items():

@@ -163,10 +163,10 @@ def test_section_forces_of_a_cantilever_and_the_energy_of_what_holds_it():
     held = scene.add_spring(beam.end, y=fb.Spring(300.0))
     scene.add_force(beam.end, (0.0, 10.0))
     solution = fb.static(scene, linear=True)
-    of_spring, ends = solution.joint(held.y), solution.resultants(beam).ends
-    w = of_spring.length[-1]
-    assert of_spring.force[-1] == pytest.approx(300.0 * w)
-    assert of_spring.energy[-1] == pytest.approx(150.0 * w**2)
+    spring_energy, ends = solution.joint(held.y), solution.resultants(beam).ends
+    w = spring_energy.length[-1]
+    assert spring_energy.force[-1] == pytest.approx(300.0 * w)
+    assert spring_energy.energy[-1] == pytest.approx(150.0 * w**2)
     assert ends.Q[-1] == pytest.approx([10.0 - 300.0 * w] * 2)
     assert ends.M[-1] == pytest.approx([2 * (10.0 - 300.0 * w), 0.0], abs=1e-9)
     measured = {name: fb.Output(name, held.y) for name in ("length", "rate", "force")}

@@ -215,8 +215,8 @@ def test_a_browser_plays_it_and_tells_what_is_under_the_pointer(swing, tmp_path)
     assert seen["row"] == 20 and seen["time"] == "t = 0.2 s"
     x, y = solution.position(rope.end)[20]
     assert f"node {rope.end.number}, s = 1" in seen["tip"]
-    found = re.search(r"x = (\S+), y = (\S+) m", seen["tip"])
-    assert [float(found[1]), float(found[2])] == pytest.approx([x, y], abs=1e-3)
+    tip = re.search(r"x = (\S+), y = (\S+) m", seen["tip"])
+    assert [float(tip[1]), float(tip[2])] == pytest.approx([x, y], abs=1e-3)
     assert "bending moment M = " in seen["tip"]
     assert seen["shapes"] > 500 and seen["curves"] > 500
     # The whole motion in 6 s: 0.6 s later it is a tenth further on.

@@ -135,8 +135,8 @@ def test_lee_frame_snaps_back_and_is_followed_to_its_full_load(lee_frame):
 def test_the_column_is_unstable_where_mathieus_equation_is(parametric_resonance):
     ends = {}
     for kind, by_pulse in parametric_resonance["boundaries"].items():
-        for pulse, (found, exact) in by_pulse.items():
-            assert found == approx(exact, rel=1e-4)
+        for pulse, (computed, exact) in by_pulse.items():
+            assert computed == approx(exact, rel=1e-4)
             ends[kind, pulse] = len(exact)
     ends = [ends[k, f"P1 = {p}"] for k in ("period doubling", "fold") for p in (0.1, 0.4)]
     assert ends == [2, 2, 0, 2]
@@ -168,22 +168,22 @@ def test_the_loops_of_the_bar_are_exact(plasticity):
 
 
 def test_the_frame_carries_its_limit_load(plasticity):
-    found = plasticity["frame"]
-    over = {int(count): run["relative to limit"] - 1 for count, run in found.items()}
+    frame = plasticity["frame"]
+    over = {int(count): run["relative to limit"] - 1 for count, run in frame.items()}
     for count, excess in over.items():
         # Hinges are in the middle of elements; the small hardening adds less than 1 %.
         assert 0.8 / count < excess < 1.4 / count + 0.01
     assert over[80] < over[40] < over[20]
     assert 2 * over[80] - over[40] == approx(0, abs=0.01)
-    assert all(run["relative balance error"] < 1e-11 for run in found.values())
+    assert all(run["relative balance error"] < 1e-11 for run in frame.values())
 
 
 def test_the_frame_on_hinges_carries_its_limit_load_without_mesh_error(plasticity):
-    found = plasticity["frame on hinges"]
+    frame = plasticity["frame on hinges"]
     # What is left is of second order in the displacements.
-    assert abs(found["1"]["relative to limit"] - 1) < 4e-3
-    assert abs(found["10"]["relative to limit"] - 1) < 4e-4
-    for run in found.values():
+    assert abs(frame["1"]["relative to limit"] - 1) < 4e-3
+    assert abs(frame["10"]["relative to limit"] - 1) < 4e-4
+    for run in frame.values():
         assert run["relative balance error"] < 1e-11
         foot, left, middle, right, other = run["plastic angles"]
         assert foot < 0 < middle and right < 0 < other

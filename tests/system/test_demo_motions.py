@@ -337,9 +337,9 @@ def test_slider_crank_motor_does_the_work_that_is_gained(slider_crank):
 
 
 def test_slider_crank_that_is_nearly_rigid_is_the_rigid_mechanism(slider_crank):
-    near = slider_crank["nearly rigid"]
-    assert near["slider"] < 1e-6
-    assert near["motor moment"] < 1e-3
+    stiff = slider_crank["nearly rigid"]
+    assert stiff["slider"] < 1e-6
+    assert stiff["motor moment"] < 1e-3
 
 
 def test_slider_crank_bends_and_its_slider_is_a_little_off(slider_crank):

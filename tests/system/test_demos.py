@@ -16,9 +16,9 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("name", sorted(DEMOS))
 def test_demo_returns_finite_numbers(name):
-    found = numbers(name)
-    assert isinstance(found, dict) and found
-    json.dumps(found, allow_nan=False)
+    demo_numbers = numbers(name)
+    assert isinstance(demo_numbers, dict) and demo_numbers
+    json.dumps(demo_numbers, allow_nan=False)
 
 
 @pytest.mark.parametrize("name", ["pendulum", "three_bar_swing", "multibody", "pinned_beam"])
@@ -35,8 +35,8 @@ def test_demos_of_the_paper_say_what_is_not_in_it(name, capsys):
 def test_demo_draws_its_pictures(name):
     from PIL import Image
 
-    found, directory = numbers(name), drawn(name)
-    assert json.loads((directory / "summary.json").read_text()).keys() == found.keys()
+    demo_numbers, directory = numbers(name), drawn(name)
+    assert json.loads((directory / "summary.json").read_text()).keys() == demo_numbers.keys()
     for file in PICTURES[name]:
         with Image.open(directory / file) as picture:
             first = np.asarray(picture.convert("L"), dtype=float)

@@ -138,11 +138,11 @@ def test_the_tables_and_the_first_page_of_the_interface_name_what_its_pages_have
 
 def test_every_equation_of_the_paper_is_in_the_table():
     rows = re.findall(r"^\| ([\d, to]+) \|", pages.text(DOCS / "theory" / "equations.md"), re.M)
-    found = set()
+    names = set()
     for part in ",".join(rows).split(","):
         first, _, last = part.strip().partition(" to ")
-        found |= set(range(int(first), int(last or first) + 1))
-    assert found == set(range(1, 55))
+        names |= set(range(int(first), int(last or first) + 1))
+    assert names == set(range(1, 55))
 
 
 def test_formulas_have_braces_around_parts_of_fractions():

@@ -13,13 +13,13 @@ OBJECTS = {name: getattr(fb, name) for name in fb.__all__ if callable(getattr(fb
 def examples():
     """Examples of the public objects and of their methods, by object, each run once."""
     finder, runner = doctest.DocTestFinder(), doctest.DocTestRunner(verbose=False)
-    found = {}
+    values = {}
     for name, thing in OBJECTS.items():
         report = []
         own = [test for test in finder.find(thing, name, globs={}) if test.examples]
         failed = sum(runner.run(test, out=report.append).failed for test in own)
-        found[name] = [test.name for test in own], failed, "".join(report)
-    return found
+        values[name] = [test.name for test in own], failed, "".join(report)
+    return values
 
 
 @pytest.mark.parametrize("name", OBJECTS)

@@ -46,12 +46,12 @@ def test_an_own_stored_energy_is_evaluated_along_the_members():
         return 5e3 * eps**2 + 5e3 * gamma**2 + 50.0 * kappa**2
 
     own = fb.Section(strain_energy=energy, rhoA=FLYING.rhoA, rhoI=FLYING.rhoI)
-    found = []
+    values = []
     for section in (FLYING, own):
         scene, arm = clamped_bar((1, 0), section, 3, name="arm", gravity=(0.0, -9.81))
         solution = fb.simulate(scene, dt=0.02, t_end=0.1)
-        found.append(along_all(solution, "strain energy", [5], np.array([0.5])))
-    assert found[0] == pytest.approx(found[1], rel=1e-6)
+        values.append(along_all(solution, "strain energy", [5], np.array([0.5])))
+    assert values[0] == pytest.approx(values[1], rel=1e-6)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -62,11 +62,11 @@ def test_fields_pass_through_the_nodes_and_the_gauss_points(degree):
     tip = np.hypot(*solution.velocity(solution.beams["leg"].end).T)
     assert ends[:, -1, 1] == pytest.approx(tip, abs=1e-14)
     gauss = (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2
-    found = along_all(solution, "M", rows, gauss)[:, leg].reshape(11, -1)
+    computed = along_all(solution, "M", rows, gauss)[:, leg].reshape(11, -1)
     resultants = solution.resultants("leg")
     # In the middle of an element of degree 1 lies the top of a parabola.
     own = resultants.M if degree > 1 else resultants.at(resultants.s).M
-    assert found == pytest.approx(own, abs=1e-9)
+    assert computed == pytest.approx(own, abs=1e-9)
 
 
 def test_the_energy_along_members_of_a_saved_solution_is_refused(tmp_path):
@@ -106,11 +106,11 @@ def test_paraview_files_hold_what_the_solution_has(degree, source, tmp_path):
         for kind in "NQM":
             values, first = data[kind].reshape(7, degree + 1), 0
             for name, beam in solution.beams.items():
-                of_beam = values[first : (first := first + beam.elements)]
+                rows = values[first : (first := first + beam.elements)]
                 resultants = solution.resultants(name)
                 starts, ends = resultants.at(beam.s[:-1]), resultants.at(beam.s[1:], "before")
-                assert of_beam[:, 0] == pytest.approx(getattr(starts, kind)[k], abs=1e-9)
-                assert of_beam[:, -1] == pytest.approx(getattr(ends, kind)[k], abs=1e-9)
+                assert rows[:, 0] == pytest.approx(getattr(starts, kind)[k], abs=1e-9)
+                assert rows[:, -1] == pytest.approx(getattr(ends, kind)[k], abs=1e-9)
 
 
 # -- Tables ------------------------------------------------------------------------------------
@@ -129,13 +129,13 @@ def test_a_table_of_pandas_has_the_columns_of_the_csv_file(tmp_path):
 def test_arrays_of_xarray_bear_the_names_of_their_axes():
     pytest.importorskip("xarray")
     solution = fall()
-    found = solution.to_xarray()
+    computed = solution.to_xarray()
     tip = solution.beams["leg"].end
-    y = found["q"].sel(node=tip.number, component="y")
+    y = computed["q"].sel(node=tip.number, component="y")
     np.testing.assert_array_equal(y, solution.displacement(tip)[:, 1])
-    np.testing.assert_array_equal(found["M leg"], solution.resultants("leg").M)
-    assert found["M leg"].dims == ("t", "s leg")
-    np.testing.assert_array_equal(found["energy total"], solution.energy.total)
+    np.testing.assert_array_equal(computed["M leg"], solution.resultants("leg").M)
+    assert computed["M leg"].dims == ("t", "s leg")
+    np.testing.assert_array_equal(computed["energy total"], solution.energy.total)
     bare = fall(record=fb.Record(motion=False, rates=False)).to_xarray()
     assert not {"q", "v", "M leg"} & set(bare)
 

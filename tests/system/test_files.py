@@ -126,13 +126,13 @@ def test_a_damaged_file_is_refused_by_its_name_or_holds_all_that_was_saved(fall,
             content[place] ^= 1 << int(random.integers(8))
         damaged.write_bytes(content if k % 4 else content[:place])
         try:
-            found = fb.load(damaged)
+            computed = fb.load(damaged)
         except ValueError as error:
             assert str(error) == f"{damaged} is not a solution saved by fx_beam"
             refused += 1
         else:  # bits of zip that no one reads, such as dates
             for name in HISTORIES:
-                np.testing.assert_array_equal(getattr(found, name), getattr(fall, name))
+                np.testing.assert_array_equal(getattr(computed, name), getattr(fall, name))
     assert refused > 300
 
 

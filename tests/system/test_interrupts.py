@@ -38,11 +38,11 @@ def agree(motion, twin):
     assert motion.t == twin.t
     for name, value in twin.inputs.items():
         np.testing.assert_array_equal(motion.inputs[name], value)
-    for found, value in (
+    for computed, value in (
         (motion.v, twin.v),
         *zip(motion.outputs.values(), twin.outputs.values(), strict=True),
     ):
-        np.testing.assert_allclose(found, value, rtol=0, atol=1e-7 * (1 + abs(value).max()))
+        np.testing.assert_allclose(computed, value, rtol=0, atol=1e-7 * (1 + abs(value).max()))
 
 
 @pytest.mark.parametrize(
@@ -78,10 +78,10 @@ def test_a_step_is_taken_or_not_wherever_it_is_interrupted(
             break
     assert broken > 50 and steps > 5
     assert bool(twin.stats.halvings) is bumps
-    found, expected = motion.solution(), twin.solution()
-    np.testing.assert_array_equal(found.t, expected.t)
-    np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-7 * abs(expected.q).max())
-    assert abs(found.energy.balance_error).max() < 1e-9 * abs(found.energy.total).max()
+    computed, expected = motion.solution(), twin.solution()
+    np.testing.assert_array_equal(computed.t, expected.t)
+    np.testing.assert_allclose(computed.q, expected.q, rtol=0, atol=1e-7 * abs(expected.q).max())
+    assert abs(computed.energy.balance_error).max() < 1e-9 * abs(computed.energy.total).max()
 
 
 @pytest.fixture
@@ -107,10 +107,10 @@ def test_what_a_controller_remembers_agrees_with_the_steps_after_ctrl_c(ctrl_c):
         return push
 
     seen, whole = [], []
-    of_motion = controller(seen, stops=True)
+    stopping = controller(seen, stops=True)
     while motion.t < 0.5:
         try:
-            motion.run(0.5, of_motion)
+            motion.run(0.5, stopping)
         except KeyboardInterrupt:
             assert len(seen) == round(motion.t / DT)
     twin.run(0.5, controller(whole))
@@ -193,7 +193,7 @@ def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctr
     # Not at the beginning of the steps: from run to run it is some lines earlier or later.
     before, after = np.linspace(2, steps, 8, endpoint=False), np.linspace(steps, end, 17)[1:-1]
     places = *before, *after
-    kept, handler = 0, signal.getsignal(signal.SIGINT)
+    interrupted, handler = 0, signal.getsignal(signal.SIGINT)
     for place in map(int, places):
         try:
             call_stopped_at(place, run, how=alarm if kind is Alarm else ctrl_c)
@@ -205,15 +205,17 @@ def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctr
             assert signal.getsignal(signal.SIGINT) is handler
             if error.solution is None:
                 notes = getattr(error, "__notes__", [""])
-                assert kept == 0 and ("before its first step" in notes[0]) is (kind is not Alarm)
+                assert interrupted == 0 and ("before its first step" in notes[0]) is (
+                    kind is not Alarm
+                )
                 continue
-            found, kept = error.solution, kept + 1
-            rows = len(found.t)
-            np.testing.assert_array_equal(found.t, whole.t[:rows])
-            np.testing.assert_allclose(found.q, whole.q[:rows], rtol=0, atol=1e-9)
-            np.testing.assert_allclose(found.end.q, found.q[-1], rtol=0, atol=1e-12)
-            assert found.stats.steps == rows - 1 and found.stats.failure.kind == "interrupted"
-    assert kept > 5
+            computed, interrupted = error.solution, interrupted + 1
+            rows = len(computed.t)
+            np.testing.assert_array_equal(computed.t, whole.t[:rows])
+            np.testing.assert_allclose(computed.q, whole.q[:rows], rtol=0, atol=1e-9)
+            np.testing.assert_allclose(computed.end.q, computed.q[-1], rtol=0, atol=1e-12)
+            assert computed.stats.steps == rows - 1 and computed.stats.failure.kind == "interrupted"
+    assert interrupted > 5
 
 
 @pytest.mark.parametrize("raised", [MemoryError, TimeoutError, SystemExit, KeyboardInterrupt])

@@ -63,8 +63,8 @@ KINDS = pytest.mark.parametrize("kind", [form, loop])
 
 
 def library_in(folder):
-    (found,) = folder.glob("*.so")
-    return found
+    (library,) = folder.glob("*.so")
+    return library
 
 
 @pytest.fixture

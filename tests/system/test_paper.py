@@ -18,10 +18,12 @@ ROWS = [line for line in PAGE.splitlines() if line.startswith("| ") and "|---" n
 
 def looked_up(demo, path):
     """A number of a demo by the keys that lead to it."""
-    found = numbers(demo)
+    demo_numbers = numbers(demo)
     for key in path.split(" > "):
-        found = found[int(key)] if isinstance(found, list) else found[key]
-    return found
+        demo_numbers = (
+            demo_numbers[int(key)] if isinstance(demo_numbers, list) else demo_numbers[key]
+        )
+    return demo_numbers
 
 
 def last_digit(printed):
@@ -36,13 +38,13 @@ def test_numbers_of_the_page_are_those_that_the_demos_compute(demo):
     for bound, printed, demo_name, path in CLAIMS:
         if demo_name != demo:
             continue
-        found = looked_up(demo, path)
+        computed = looked_up(demo, path)
         if bound in ("below ", "less than "):
-            assert abs(found) < float(printed), path
+            assert abs(computed) < float(printed), path
         elif bound in ("above ", "more than "):
-            assert abs(found) > float(printed), path
+            assert abs(computed) > float(printed), path
         else:
-            assert found == pytest.approx(float(printed), abs=1.01 * last_digit(printed)), path
+            assert computed == pytest.approx(float(printed), abs=1.01 * last_digit(printed)), path
 
 
 def test_each_comment_of_the_page_is_one_that_is_checked():
@@ -50,8 +52,8 @@ def test_each_comment_of_the_page_is_one_that_is_checked():
 
 
 def test_each_figure_of_the_paper_has_a_row():
-    found = re.findall(r"^\| Fig\. (\d+)", "\n".join(ROWS), flags=re.MULTILINE)
-    assert sorted(map(int, found)) == [*range(1, 21)]
+    figures = re.findall(r"^\| Fig\. (\d+)", "\n".join(ROWS), flags=re.MULTILINE)
+    assert sorted(map(int, figures)) == [*range(1, 21)]
 
 
 def test_files_and_pictures_of_the_page_are_there():

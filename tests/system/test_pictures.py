@@ -210,9 +210,9 @@ def test_supports_are_where_their_nodes_are_in_each_row():
     scene.prescribe(rod.end, x=lambda t: -0.5 * t * t)
     solution = fb.simulate(scene, dt=0.05, t_end=1.0)
     for k in (0, 10, 20):
-        found = rings(plot.shapes(solution, rows=[k]).axes[0])
+        marks = rings(plot.shapes(solution, rows=[k]).axes[0])
         for node in (arm.start, arm.end, rod.end):
-            assert np.hypot(*(found - solution.position(node)[k]).T).min() < 1e-9
+            assert np.hypot(*(marks - solution.position(node)[k]).T).min() < 1e-9
     assert solution.position(rod.end)[20, 0] == approx(1.5)
 
 
@@ -252,8 +252,8 @@ def test_a_force_between_points_is_drawn_between_them_before_and_in_the_motion(l
         a = solution.position(left.start)[k]
         b = np.array(other) if fixed else solution.position(right.start)[k]
         lines = [line.get_xydata() for line in figure.axes[0].lines]
-        near = [max(np.nanmin(np.hypot(*(p - q).T)) for p in (a, b)) for q in lines if len(q)]
-        assert min(near) < 1e-9, "a line has both ends"
+        nearest = [max(np.nanmin(np.hypot(*(p - q).T)) for p in (a, b)) for q in lines if len(q)]
+        assert min(nearest) < 1e-9, "a line has both ends"
         low, high = np.transpose([figure.axes[0].get_xlim(), figure.axes[0].get_ylim()])
         assert (b > low).all() and (b < high).all()
 
@@ -356,10 +356,10 @@ def test_each_of_many_curves_has_a_look_of_its_own():
     scene, beam = cantilever()
     times, t = range(1, 15), np.linspace(0, 1, 9)
     response = fb.frequency_response(scene, (beam.end, (0, 1.0)), beam.end, [1.0, 2.0])
-    of_frequency = plot.frequency_response({str(k): response for k in times}, components=["y"])
-    of_time, axes = plot.figure(1, 1)
+    spectra = plot.frequency_response({str(k): response for k in times}, components=["y"])
+    histories, axes = plot.figure(1, 1)
     plot.quantities(axes[0, 0], {str(k): k * t for k in times}, t)
-    for figure in (of_frequency, of_time):
+    for figure in (spectra, histories):
         lines = figure.axes[0].lines
         looks = [(line.get_color(), line.get_linestyle(), line.get_marker()) for line in lines]
         assert len(set(looks)) == len(looks) == len(times)
@@ -368,9 +368,9 @@ def test_each_of_many_curves_has_a_look_of_its_own():
 
 def arrows(ax):
     """Heads (n, 2) and vectors (n, 2) of all arrows of forces, these relative to the longest."""
-    of_rows = [item for item in ax.collections if isinstance(item, Quiver)]
-    vectors = np.vstack([np.column_stack([item.U, item.V]) for item in of_rows])
-    heads = np.vstack([item.XY for item in of_rows]) + vectors
+    quivers = [item for item in ax.collections if isinstance(item, Quiver)]
+    vectors = np.vstack([np.column_stack([item.U, item.V]) for item in quivers])
+    heads = np.vstack([item.XY for item in quivers]) + vectors
     return heads, vectors / np.hypot(*vectors.T).max()
 
 
@@ -401,11 +401,11 @@ def test_arrows_of_equilibria_are_the_forces_that_act():
 
 def test_all_that_a_scene_has_is_written_in_its_units():
     scene, girder = crane()
-    found = words(plot.scene(scene, dimensions=True, marks={"A": girder.node(0.5)}))
-    assert {"girder", "strut", "boom", "finger", "roof", "A"} <= found
-    assert {"F = 5 N, follower", "F(t)", "M = -30 N m", "q(s)", "q = 3 N/m"} <= found
-    assert {"m = 2.5 kg, J = 0.1 kg m$^2$", "g = 9.81 m/s$^2$", "v(0)"} <= found
-    assert {"drag", "y(t)", r"motor $\psi$(t)", "1", "3"} <= found
+    texts = words(plot.scene(scene, dimensions=True, marks={"A": girder.node(0.5)}))
+    assert {"girder", "strut", "boom", "finger", "roof", "A"} <= texts
+    assert {"F = 5 N, follower", "F(t)", "M = -30 N m", "q(s)", "q = 3 N/m"} <= texts
+    assert {"m = 2.5 kg, J = 0.1 kg m$^2$", "g = 9.81 m/s$^2$", "v(0)"} <= texts
+    assert {"drag", "y(t)", r"motor $\psi$(t)", "1", "3"} <= texts
     assert {"F = 5, follower", "M = -30"} <= words(plot.scene(scene, scene_unit="in"))
 
 

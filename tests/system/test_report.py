@@ -19,9 +19,9 @@ def test_arrays_and_numbers_come_back_as_they_were_from_strict_json(tmp_path):
     numbers = {"array": np.eye(2), "one": np.float64(0.1), "count": np.int64(3), 8: (True, None)}
     numbers |= {"x": [np.nan, np.inf, -np.inf], "y": np.array([np.inf])}
     reporting.write_json(tmp_path / "new" / "directory" / "reporting.json", numbers)
-    found = {"array": [[1, 0], [0, 1]], "one": 0.1, "count": 3, "8": [True, None]}
-    found |= {"x": [None, "inf", "-inf"], "y": ["inf"]}
-    assert strict(tmp_path / "new" / "directory" / "reporting.json") == found
+    computed = {"array": [[1, 0], [0, 1]], "one": 0.1, "count": 3, "8": [True, None]}
+    computed |= {"x": [None, "inf", "-inf"], "y": ["inf"]}
+    assert strict(tmp_path / "new" / "directory" / "reporting.json") == computed
 
 
 def test_a_table_is_markdown_whose_columns_line_up():
@@ -51,7 +51,7 @@ def test_csv_has_a_column_for_every_nested_number(tmp_path):
 
 
 def test_the_machine_and_all_versions_are_stated():
-    found = reporting.machine()
-    assert found["numpy"] == np.__version__
-    assert {"processor", "system", "cores", "python", "FFCx", "numpy", "fx_beam"} <= set(found)
-    assert found["cores"] >= 1 and all(found.values())
+    machine = reporting.machine()
+    assert machine["numpy"] == np.__version__
+    assert {"processor", "system", "cores", "python", "FFCx", "numpy", "fx_beam"} <= set(machine)
+    assert machine["cores"] >= 1 and all(machine.values())

@@ -57,8 +57,8 @@ def made_up(dt, level=0.5):
 
 
 def error(quantity, exact, solution):
-    found = accuracy.measure("q", quantity, solution)
-    return accuracy.error("q", found, accuracy.exact("q", exact, 2.0))
+    history = accuracy.measure("q", quantity, solution)
+    return accuracy.error("q", history, accuracy.exact("q", exact, 2.0))
 
 
 @pytest.mark.parametrize("level", [0.5, 1.0])
@@ -124,29 +124,29 @@ def numbers(results):
     }
 
 
-def runs(found, scheme):
-    return [run for run in found["Runs"] if run["scheme"] == scheme]
+def runs(example, scheme):
+    return [run for run in example["Runs"] if run["scheme"] == scheme]
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_a_page_has_every_run_its_machine_its_pictures_and_its_sentences(results, numbers, example):
-    found, page = numbers[example], (results / f"{example}.md").read_text()
+    example_numbers, page = numbers[example], (results / f"{example}.md").read_text()
     module = benchmark("work_precision")
     settings = getattr(module, example)(quick=True)
     candidates = len(module.QUICK_SCHEMES) * len(settings["dt"]) * len(settings["meshes"])
-    assert len(found["Runs"]) == candidates
-    assert {"processor", "FFCx", "fx_beam"} <= set(found["machine"])
-    for run in found["Runs"]:
+    assert len(example_numbers["Runs"]) == candidates
+    assert {"processor", "FFCx", "fx_beam"} <= set(example_numbers["machine"])
+    for run in example_numbers["Runs"]:
         assert run["seconds"] >= run["step_seconds"] > 0
         assert run["failure"] or set(run["errors"]) == set(settings["quantities"])
     pictures = re.findall(r"!\[.*\]\((.*)\)", page)
     assert pictures == [f"{example}.png", f"{example}_curves.png"]
     assert all((results / picture).stat().st_size > 20_000 for picture in pictures)
     sentences = re.findall(r"^- (.*: .* reference is .*)$", page, re.M)
-    assert sentences == list(found["sentences"].values())
-    references = list(found["relative errors of the references"])
+    assert sentences == list(example_numbers["sentences"].values())
+    references = list(example_numbers["relative errors of the references"])
     assert [line.partition(":")[0] for line in sentences] == references
-    assert page.count(f"\n| {OURS}") >= len(runs(found, OURS))
+    assert page.count(f"\n| {OURS}") >= len(runs(example_numbers, OURS))
 
 
 def test_overview_has_the_cheapest_run_of_each_example_for_three_errors(results, numbers):
@@ -164,9 +164,13 @@ def test_overview_has_the_cheapest_run_of_each_example_for_three_errors(results,
         ]
         assert bool(counted) == bool(row["scheme"]) != bool(row["why none"])
         if counted:
-            found = float(row["seconds"]), row["scheme"].removesuffix(" (\u00d7)"), float(row["dt"])
-            assert found in counted and found[0] < 1.2 * min(counted)[0]
-            assert found[0] == min(counted)[0] or found[1] == OURS
+            row_run = (
+                float(row["seconds"]),
+                row["scheme"].removesuffix(" (\u00d7)"),
+                float(row["dt"]),
+            )
+            assert row_run in counted and row_run[0] < 1.2 * min(counted)[0]
+            assert row_run[0] == min(counted)[0] or row_run[1] == OURS
     page = (results / "overview.md").read_text()
     for picture in re.findall(r"!\[.*\]\((.*)\)", page):
         assert (results / picture).stat().st_size > 20_000
@@ -195,11 +199,11 @@ def test_our_scheme_has_no_error_of_energy_at_any_step_and_newmark_has(numbers, 
 
 
 def test_references_are_exact_or_twice_as_good_as_the_finest_runs(numbers):
-    for example, found in numbers.items():
-        least = min(run["dt"] for run in found["Runs"])
+    for example, example_numbers in numbers.items():
+        least = min(run["dt"] for run in example_numbers["Runs"])
         # The finest steps only, as a coarse one may by chance come closer than its error is.
-        finest = [run for run in found["Runs"] if run["dt"] == least and not run["lost"]]
-        for quantity, error in found["relative errors of the references"].items():
+        finest = [run for run in example_numbers["Runs"] if run["dt"] == least and not run["lost"]]
+        for quantity, error in example_numbers["relative errors of the references"].items():
             best = min(run["errors"][quantity] for run in finest)
             assert error is None or error < best / 2, (example, quantity)
     assert {*numbers["pendulum"]["relative errors of the references"].values()} == {None}
@@ -219,10 +223,10 @@ def test_newmark_loses_the_pendulum_at_steps_at_which_ours_is_accurate_to_second
 
 
 def test_joint_of_the_swing_is_second_order_in_the_step_and_mesh_errors_fall(numbers):
-    found = numbers["three_bar_swing"]
-    orders = [row["joint path"] for row in found["Observed orders in the time step"]]
+    swing = numbers["three_bar_swing"]
+    orders = [row["joint path"] for row in swing["Observed orders in the time step"]]
     assert orders == approx([2] * 4, abs=0.1)
-    coarse, fine = (row["joint path"] for row in found["Errors with a fine time step"])
+    coarse, fine = (row["joint path"] for row in swing["Errors with a fine time step"])
     assert coarse / fine == approx(4, rel=0.2)
 
 

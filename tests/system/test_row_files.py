@@ -120,7 +120,7 @@ def test_files_have_the_rows_and_the_solution_all_else(name, few, tmp_path):
     kinds = OPTIONS[name]
     whole = CASES[name](record=fb.Record(**kinds))
     whole.to_paraview(tmp_path / "whole.pvd")
-    found = CASES[name](record=fb.Record(file=tmp_path / "rows.pvd", **kinds))
+    computed = CASES[name](record=fb.Record(file=tmp_path / "rows.pvd", **kinds))
     rows, wanted = (list(grids(tmp_path / f"{name}.pvd")) for name in ("rows", "whole"))
     assert [t for t, _ in rows] == [t for t, _ in wanted]
     for (_, one), (_, other) in zip(rows, wanted, strict=True):
@@ -134,9 +134,9 @@ def test_files_have_the_rows_and_the_solution_all_else(name, few, tmp_path):
         assert row.read_bytes() == wanted_row.read_bytes()
     assert not list(tmp_path.glob("*/.*"))
     for kind in IN_MEMORY:
-        np.testing.assert_array_equal(getattr(found, kind), getattr(whole, kind))
+        np.testing.assert_array_equal(getattr(computed, kind), getattr(whole, kind))
     for kind, values in vars(whole.energy).items():
-        np.testing.assert_array_equal(getattr(found.energy, kind), values)
+        np.testing.assert_array_equal(getattr(computed.energy, kind), values)
 
 
 def test_a_motion_goes_on_from_its_end_also_from_the_file(few, tmp_path):
@@ -153,12 +153,12 @@ def test_a_motion_goes_on_from_its_end_also_from_the_file(few, tmp_path):
 
 def test_what_is_in_the_file_is_said_where_it_is_asked_for(tmp_path):
     file = tmp_path / "rows.pvd"
-    found = CASES["flung"](record=fb.Record(file=file))
-    assert found.stats.file == str(file)
+    computed = CASES["flung"](record=fb.Record(file=file))
+    assert computed.stats.file == str(file)
     for ask in (
-        lambda: found.position(next(iter(found.beams.values())).end),
-        lambda: found.resultants(next(iter(found.beams))),
-        lambda: fb.plot.shapes(found, rows=[0]),
+        lambda: computed.position(next(iter(computed.beams.values())).end),
+        lambda: computed.resultants(next(iter(computed.beams))),
+        lambda: fb.plot.shapes(computed, rows=[0]),
     ):
         assert_refused(r"motion not in memory: the rows are in .*rows.pvd", ask, error=ValueError)
 

@@ -70,11 +70,11 @@ def test_formulas_are_whole_where_the_system_has_no_font_for_them(drawn, tmp_pat
         shutil.copy(DOCS / "_static" / name, tmp_path)
     written = [*DOCS.rglob("*.md"), *(pages.ROOT / "demos").glob("*.py")]
     blocks = [block for page in sorted(written) for block in pages.formulas(page)[0]]
-    found = [LONG, *blocks]
+    formulas = [LONG, *blocks]
     page = tmp_path / "page.html"
     page.write_text(
         '<!DOCTYPE html><meta charset="utf-8"><link rel="stylesheet" href="style.css">'
-        + "".join(map(drawn, found))
+        + "".join(map(drawn, formulas))
         + f"<script>{SCRIPT}</script>"
     )
     dom = browser.dom(page, tmp_path)
@@ -82,7 +82,7 @@ def test_formulas_are_whole_where_the_system_has_no_font_for_them(drawn, tmp_pat
     assert measured["fonts"] == 1
     assert not measured["missing"]
     assert measured["integral"] > 1.5
-    assert len(measured["cut"]) == len(found) > 20
+    assert len(measured["cut"]) == len(formulas) > 20
     assert max(measured["cut"]) <= 0
 
 
@@ -129,8 +129,8 @@ def test_a_page_of_the_gallery_has_all_code_of_its_demo(extension):
     for demo in (pages.ROOT / "demos").glob("*.py"):
         pieces = extension("scripts").pieces(pages.text(demo))
         code = "\n".join("\n".join(code) for _, code in pieces)
-        for tree in (found := ast.parse(code), wanted := ast.parse(pages.text(demo))):
+        for tree in (computed := ast.parse(code), wanted := ast.parse(pages.text(demo))):
             for node in ast.walk(tree):
                 if isinstance(node, (ast.Module, ast.FunctionDef)) and ast.get_docstring(node):
                     node.body = node.body[1:]
-        assert ast.dump(found) == ast.dump(wanted), demo
+        assert ast.dump(computed) == ast.dump(wanted), demo

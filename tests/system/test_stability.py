@@ -40,9 +40,9 @@ def history(ratio, failure="", t_end=1.0, kinetic=2.0, work=0.0, potential=0.0):
     ],
 )
 def test_verdict_on_a_run_that_ends(ratio, kind):
-    found = stability.classify(history(ratio), 1.0)
-    assert (found.kind, found.time, found.reached, found.reason) == (kind, 1.0, 1.0, "")
-    assert found.steps == 2
+    verdict = stability.classify(history(ratio), 1.0)
+    assert (verdict.kind, verdict.time, verdict.reached, verdict.reason) == (kind, 1.0, 1.0, "")
+    assert verdict.steps == 2
 
 
 @pytest.mark.parametrize(("stated", "kind"), [(1.0, "damped"), (0.5, "lost")])
@@ -50,8 +50,8 @@ def test_what_the_scheme_states_that_it_took_is_damped_and_what_else_is_missing_
     run = history([1, 0.9])
     took = stated * (run.energy.kinetic[0] - run.energy.kinetic)
     run.energy = replace(run.energy, dissipated=took, numerical=took)
-    found = stability.classify(run, 1.0)
-    assert (found.kind, found.amount) == (kind, approx(0.1))
+    verdict = stability.classify(run, 1.0)
+    assert (verdict.kind, verdict.amount) == (kind, approx(0.1))
 
 
 @pytest.mark.parametrize(
@@ -62,10 +62,10 @@ def test_what_the_scheme_states_that_it_took_is_damped_and_what_else_is_missing_
 def test_verdict_on_a_run_that_breaks_off(ratio, kinetic, kind):
     error = fb.StepError(fb.Failure("no convergence", "no convergence", 0.5))
     error.solution = history(ratio, "no convergence", kinetic=kinetic)
-    found = stability.classify(error, 1.0)
-    assert (found.kind, found.reason) == (kind, "no convergence")
-    assert (found.time, found.reached) == (0.5, 0.5)
-    assert kinetic or (found.highest, found.lowest) == (1, 1)
+    verdict = stability.classify(error, 1.0)
+    assert (verdict.kind, verdict.reason) == (kind, "no convergence")
+    assert (verdict.time, verdict.reached) == (0.5, 0.5)
+    assert kinetic or (verdict.highest, verdict.lowest) == (1, 1)
 
 
 @pytest.mark.parametrize(
@@ -342,9 +342,9 @@ def test_the_report_says_from_which_tolerance_on_verdicts_stay_and_how_large_err
     ]
     lines = benchmark("stability").tolerances_page(cells).splitlines()
     table = [line.strip("|").split("|") for line in lines if line.startswith("|")]
-    head, _, *found = [[cell.strip() for cell in row] for row in table]
+    head, _, *computed = [[cell.strip() for cell in row] for row in table]
     assert head[2:] == [f"largest error, {label}" for label in rows]
-    assert found == [
+    assert computed == [
         ["A", "1e-6", "1e-05", "1e-06", "1.14e-13"],
         ["B", "1e-4", "0.1", "0.1", "0.1"],
     ]

@@ -97,10 +97,10 @@ def test_newmark_blows_up_and_hht_loses_energy_on_the_pinned_beam(report):
 
 
 def test_newmarks_rule_blows_up_on_a_rigid_loop_however_small_the_steps(report):
-    on_loops = [cell for cell in report[0] if "Slider crank of rigid" in cell.case.name]
-    ours = [cell.verdict for cell in on_loops if cell.scheme == OURS]
+    loops = [cell for cell in report[0] if "Slider crank of rigid" in cell.case.name]
+    ours = [cell.verdict for cell in loops if cell.scheme == OURS]
     assert [verdict.kind for verdict in ours] == ["kept", "kept"]
-    newmark = [cell for cell in on_loops if cell.scheme == NEWMARK]
+    newmark = [cell for cell in loops if cell.scheme == NEWMARK]
     assert [cell.case.dt for cell in newmark] == [0.01, 0.0025]
     assert [cell.verdict.kind for cell in newmark] == ["blew up", "blew up"]
 
@@ -127,13 +127,13 @@ def test_the_report_is_written_in_full(report):
     def refuse(constant):
         raise AssertionError(f"{constant} is not JSON")
 
-    found = json.loads((directory / "cases.json").read_text(), parse_constant=refuse)
+    cases = json.loads((directory / "cases.json").read_text(), parse_constant=refuse)
     assert (
-        len(found["cells"])
+        len(cases["cells"])
         == len(cells)
-        == sum(row[kind] for row in found["verdicts"].values() for kind in stability.KINDS)
+        == sum(row[kind] for row in cases["verdicts"].values() for kind in stability.KINDS)
     )
-    assert {"processor", "FFCx"} <= set(found["machine"])
+    assert {"processor", "FFCx"} <= set(cases["machine"])
     page = (directory / "cases.md").read_text()
     for picture in ("cases.png", "cases_summary.png"):
         assert f"]({picture})" in page and (directory / picture).stat().st_size > 20_000

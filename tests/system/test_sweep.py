@@ -96,9 +96,9 @@ def test_processes_have_one_thread_and_a_killed_one_costs_its_case(lists):
 def test_workers_that_fill_all_cores_have_one_each(lists):
     number = workers.cores()
     rows = fb.sweep(sweep_cases.fate, [{"fate": "slow"}] * (3 * number), executor=number)
-    of_worker = {row["worker"]: row["cpus"] for row in rows}
-    assert {len(cpus) for cpus in of_worker.values()} == {1}
-    assert len({cpus[0] for cpus in of_worker.values()}) == len(of_worker)
+    worker_cores = {row["worker"]: row["cpus"] for row in rows}
+    assert {len(cpus) for cpus in worker_cores.values()} == {1}
+    assert len({cpus[0] for cpus in worker_cores.values()}) == len(worker_cores)
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["Ctrl-C", "kill"])
@@ -201,15 +201,15 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize("package", ["joblib", "distributed"])
 def test_executors_of_joblib_and_dask_give_what_one_process_gives(package, lists):
-    found = pytest.importorskip(package)
+    module = pytest.importorskip(package)
     cases = [{"EA": EA, "speed": 10.0} for EA in (4e7, 8e7, -1.0)]
     with ExitStack() as stack:
         if package == "joblib":
-            executor = found.externals.loky.get_reusable_executor(max_workers=1)
+            executor = module.externals.loky.get_reusable_executor(max_workers=1)
             stack.enter_context(executor)
         else:
             options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
-            executor = stack.enter_context(found.Client(**options)).get_executor()
+            executor = stack.enter_context(module.Client(**options)).get_executor()
         *rows, failed = fb.sweep(sweep_cases.arm, cases, executor)
     for row, case in zip(rows, cases, strict=False):
         assert not row["error"] and {name: row[name] for name in "xy"} == sweep_cases.arm(case)
@@ -282,9 +282,9 @@ def test_rows_have_the_cases_that_were_given_whatever_the_function_does_with_the
 def test_cases_may_be_the_rows_of_a_table_and_rows_are_one_where_pandas_is(thread):
     pandas = pytest.importorskip("pandas")
     table = pandas.DataFrame({"x": [1, 2], "name": ["a", "b"]})
-    found = fb.sweep(square, table, thread)
-    assert list(found.columns) == ["x", "name", "square", "seconds", "error"]
-    assert list(found["square"]) == [1, 4] and list(found["name"]) == ["a", "b"]
+    table_of_rows = fb.sweep(square, table, thread)
+    assert list(table_of_rows.columns) == ["x", "name", "square", "seconds", "error"]
+    assert list(table_of_rows["square"]) == [1, 4] and list(table_of_rows["name"]) == ["a", "b"]
 
 
 @pytest.mark.parametrize(

@@ -64,11 +64,11 @@ def large(monkeypatch):
 
 @pytest.mark.parametrize("run", [moved, bent])
 def test_any_number_of_threads_gives_the_same_digits(run, large, monkeypatch):
-    found = set()
+    ends = set()
     for number in ("1", "2", "4", "2"):
         monkeypatch.setenv("FX_BEAM_THREADS", number)
-        found.add(run().tobytes())
-    assert len(found) == 1
+        ends.add(run().tobytes())
+    assert len(ends) == 1
 
 
 @pytest.mark.parametrize("run", [moved, bent])
@@ -109,21 +109,21 @@ def test_a_narrow_copy_of_factors_serves_where_it_resolves_the_matrix(
     shared = fb.static(lattice(EI), load_steps=1).q[-1]
     monkeypatch.setattr(tangent_storage, "LARGE", 10**9)
     alone = fb.static(lattice(EI), load_steps=1).q[-1]
-    with_copy, without = (problem.c.system.reused for problem in problems)
-    assert (with_copy.narrow, without.narrow) == (serves, 0)
-    assert with_copy.made <= 2 * without.made
+    narrow, wide = (problem.c.system.reused for problem in problems)
+    assert (narrow.narrow, wide.narrow) == (serves, 0)
+    assert narrow.made <= 2 * wide.made
     assert abs(shared - alone).max() <= 1e-6 * abs(alone).max()
 
 
 def test_several_threads_of_python_share_those_of_a_process(large):
-    found = []
-    runs = [threading.Thread(target=lambda: found.append(moved().tobytes())) for _ in range(3)]
+    ends = []
+    runs = [threading.Thread(target=lambda: ends.append(moved().tobytes())) for _ in range(3)]
     for run in runs:
         run.start()
     for run in runs:
         run.join()
-    assert len(found) == 3
-    assert len(set(found)) == 1
+    assert len(ends) == 3
+    assert len(set(ends)) == 1
 
 
 def test_a_fork_starts_threads_of_its_own(large):

@@ -53,14 +53,14 @@ def integral(form, mesh, data=None):
 @pytest.mark.parametrize("points", range(1, 6))
 def test_the_rule_of_a_form_is_that_of_gauss(points):
     dx = elements.measure(ON, points)
-    found = [integral(X**power * dx, row(1)) for power in range(2 * points + 1)]
+    computed = [integral(X**power * dx, row(1)) for power in range(2 * points + 1)]
     exact = 1 / (1 + np.arange(2 * points + 1))
-    assert found[:-1] == pytest.approx(exact[:-1], rel=1e-14)
+    assert computed[:-1] == pytest.approx(exact[:-1], rel=1e-14)
     # n points leave of x^2n, on the unit interval, the square of the monic Legendre polynomial.
     left = 1.0
     for n in range(1, points + 1):
         left *= n / (2 * (2 * n - 1))
-    assert exact[-1] - found[-1] == pytest.approx(left**2 / (2 * points + 1), rel=1e-6)
+    assert exact[-1] - computed[-1] == pytest.approx(left**2 / (2 * points + 1), rel=1e-6)
 
 
 @pytest.mark.parametrize("points", range(1, 6))
@@ -221,11 +221,11 @@ assert not [name for name in sys.modules if name.split(".")[0] in apart]
 
 
 def test_coefficients_of_a_subdomain_are_those_of_its_cells():
-    mesh, tags, of_cell = row(3), np.array([2, 0, 1]), elements.Symbols(ON).data(1)
+    mesh, tags, cell_form = row(3), np.array([2, 0, 1]), elements.Symbols(ON).data(1)
     field, dx = Field(mesh.space(1)), elements.measure(ON, 1)
     field.array[:] = 10.0 + np.arange(3)
-    all_tags = sum((tag + 1) * of_cell * dx(tag) for tag in range(3)) + of_cell**2 * dx
-    form = Term(compiled(all_tags, {of_cell: "f"}), mesh, {"f": field}, tags=tags)
+    all_tags = sum((tag + 1) * cell_form * dx(tag) for tag in range(3)) + cell_form**2 * dx
+    form = Term(compiled(all_tags, {cell_form: "f"}), mesh, {"f": field}, tags=tags)
     assert form.compiled.tags == [-1, 0, 1, 2]
     values = (form.coefficients(cells, STILL)[0] for cells in form.cells)
     packed = dict(zip(form.compiled.tags, values, strict=True))

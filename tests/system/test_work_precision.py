@@ -23,8 +23,8 @@ MESH = Mesh(1, 1)
 
 def error_of(quantity, exact, solution):
     """Relative error of a quantity of interest."""
-    found = accuracy.measure("q", quantity, solution)
-    return accuracy.error("q", found, accuracy.exact("q", exact, T[-1]))
+    history = accuracy.measure("q", quantity, solution)
+    return accuracy.error("q", history, accuracy.exact("q", exact, T[-1]))
 
 
 def pendulum(elements=1, degree=1):
@@ -54,8 +54,8 @@ def test_a_quantity_that_is_not_there_has_no_error():
 def test_a_force_is_compared_only_at_times_at_which_the_reference_has_it():
     # A mid-point scheme has its last force half a step before the end.
     reference = History(T[:-1] + 0.025, T[:-1, None] + 0.025, size=2.0)
-    found = History(T, T[:, None] + np.where(T == 1, 0.5, 0)[:, None])
-    assert accuracy.error("q", found, reference) == approx(0.25)
+    history = History(T, T[:, None] + np.where(T == 1, 0.5, 0)[:, None])
+    assert accuracy.error("q", history, reference) == approx(0.25)
     with pytest.raises(fb.SceneError, match="no time between"):
         accuracy.error("q", History(T[-1:], T[-1:, None]), reference)
 
@@ -79,15 +79,15 @@ STEPS = [0.1, 0.2, 0.4, 0.8, 1.6]
     ],
 )
 def test_the_order_is_that_of_errors_that_fall_steadily_and_are_no_round_off(errors, order):
-    found = accuracy.observed_order(zip(STEPS, errors, strict=False), 1e-10)
-    assert found == (None if order is None else approx(order))
+    slope = accuracy.observed_order(zip(STEPS, errors, strict=False), 1e-10)
+    assert slope == (None if order is None else approx(order))
 
 
 def test_estimated_error_of_a_computed_pendulum_bounds_its_distance_from_the_exact_one():
-    found = small(exact=None, t_end=2.0)
+    precision = small(exact=None, t_end=2.0)
     reference = fb.simulate(pendulum(4), dt=0.1 / 16, t_end=2.0)
     true = error_of(PENDULUM.displacement, tip, reference)
-    assert true <= found.references["tip"] <= 5 * true
+    assert true <= precision.references["tip"] <= 5 * true
 
 
 # -- Quantities of interest of real motions, against exact ones ----------------------------------
@@ -96,7 +96,7 @@ def test_estimated_error_of_a_computed_pendulum_bounds_its_distance_from_the_exa
 def test_error_of_the_momentum_of_free_flight_is_what_a_step_misses_of_the_force():
     # The force of 8 ends at 2.5 s, at the end of a step of 0.1; one of 0.15 from 2.4 s on takes the
     # mean of 8 and 0, which is 0.6 in place of 0.8 of 20.
-    found = small(
+    precision = small(
         scene=lambda elements, degree: scenes.free_flight(elements, degree)[0],
         quantities={"momentum": lambda s: s.linear_momentum},
         exact={"momentum": lambda t: np.column_stack([8 * np.minimum(t, 2.5), 0 * t])},
@@ -104,7 +104,7 @@ def test_error_of_the_momentum_of_free_flight_is_what_a_step_misses_of_the_force
         meshes=[(2, 1)],
         t_end=3.0,
     )
-    errors = [run.errors["momentum"] for run in found.runs]
+    errors = [run.errors["momentum"] for run in precision.runs]
     assert errors == approx([0, 0.01], abs=1e-12)
 
 
@@ -118,7 +118,7 @@ def soft_arm(elements, degree):
 
 
 def test_errors_of_step_and_mesh_are_told_apart():
-    found = small(
+    precision = small(
         scene=soft_arm,
         quantities={"tip": lambda s: s.displacement(s.beams["arm"].end)},
         exact=None,
@@ -126,11 +126,11 @@ def test_errors_of_step_and_mesh_are_told_apart():
         meshes=[(3, 1), (6, 1), (12, 1)],
         t_end=0.6,
     )
-    assert mesh_order(found, "tip", 1) == approx(2, abs=0.1)
-    coarse, finest = found.runs[0].mesh, found.runs[2]
-    assert finest.errors["tip"] == approx(found.mesh_errors[coarse]["tip"], rel=0.2)
+    assert mesh_order(precision, "tip", 1) == approx(2, abs=0.1)
+    coarse, finest = precision.runs[0].mesh, precision.runs[2]
+    assert finest.errors["tip"] == approx(precision.mesh_errors[coarse]["tip"], rel=0.2)
     assert finest.step_errors["tip"] < finest.errors["tip"] / 5
-    assert step_order(found, "tip", "EnergyMomentum", coarse) == approx(2, abs=0.1)
+    assert step_order(precision, "tip", "EnergyMomentum", coarse) == approx(2, abs=0.1)
 
 
 # -- The cheapest run for an error ----------------------------------------------------------------
@@ -155,17 +155,17 @@ def made_up(runs, mesh_errors=None, **references):
 TWO = [("A", 1e-3, 5e-2), ("A", 2e-3, 5e-3), ("B", 1.5e-3, 4e-2), ("B", 1e-2, 6e-4)]
 
 
-def seconds_at(found, error):
+def seconds_at(precision, error):
     """Time of the fastest run of each scheme."""
-    return {scheme: run.seconds for scheme, run in found.cheapest("q", error).items()}
+    return {scheme: run.seconds for scheme, run in precision.cheapest("q", error).items()}
 
 
 def test_the_fastest_run_of_each_scheme_is_found_the_fastest_scheme_first():
-    found = made_up(TWO)
-    assert list(seconds_at(found, 1e-1).items()) == [("A", 1e-3), ("B", 1.5e-3)]
-    assert list(seconds_at(found, 1e-2).items()) == [("A", 2e-3), ("B", 1e-2)]
-    assert seconds_at(found, 1e-3) == {"B": 1e-2}
-    assert seconds_at(found, 1e-4) == {}
+    precision = made_up(TWO)
+    assert list(seconds_at(precision, 1e-1).items()) == [("A", 1e-3), ("B", 1.5e-3)]
+    assert list(seconds_at(precision, 1e-2).items()) == [("A", 2e-3), ("B", 1e-2)]
+    assert seconds_at(precision, 1e-3) == {"B": 1e-2}
+    assert seconds_at(precision, 1e-4) == {}
 
 
 def test_the_sentence_swaps_with_the_numbers():
@@ -181,38 +181,44 @@ def test_the_sentence_swaps_with_the_numbers():
 
 def test_a_run_that_finer_steps_do_not_confirm_counts_with_their_error():
     # The error changes its sign near the first step.
-    found = made_up([("A", 1e-3, 3e-4), ("A", 2e-3, 7.6e-3), ("B", 2e-3, 5e-3)])
-    assert [counted(found, "q", run) for run in found.runs] == [7.6e-3, 7.6e-3, 5e-3]
-    assert seconds_at(found, 1e-3) == {} and set(seconds_at(found, 1e-2)) == {"A", "B"}
+    precision = made_up([("A", 1e-3, 3e-4), ("A", 2e-3, 7.6e-3), ("B", 2e-3, 5e-3)])
+    assert [counted(precision, "q", run) for run in precision.runs] == [7.6e-3, 7.6e-3, 5e-3]
+    assert seconds_at(precision, 1e-3) == {} and set(seconds_at(precision, 1e-2)) == {"A", "B"}
 
 
 def test_a_run_whose_errors_of_step_and_mesh_cancel_counts_with_that_of_the_mesh():
     meshes = [Mesh(4, 1), Mesh(8, 1), Mesh(2, 2)]
     runs = [("A", 1e-3, 1e-5, {"mesh": mesh}) for mesh in meshes]
     left = dict(zip(meshes, ({"q": 1e-4}, {"q": 3e-4}, {"q": 1e-6}), strict=True))
-    found = made_up(runs, left)
-    assert [counted(found, "q", run) for run in found.runs] == [3e-4, 3e-4, 1e-5]
+    precision = made_up(runs, left)
+    assert [counted(precision, "q", run) for run in precision.runs] == [3e-4, 3e-4, 1e-5]
 
 
 @pytest.mark.parametrize("lost", [{"energy_error": 0.6}, {"failure": "blew up", "errors": {}}])
 def test_a_lost_motion_wins_nothing_nor_does_one_that_smaller_steps_lose(lost):
     runs = [("A", 1e-3, 5e-2), ("A", 2e-3, 1e-4, lost), ("A", 3e-3, 5e-3), ("B", 9e-3, 5e-3)]
-    found = made_up(runs)
-    assert [counted(found, "q", run) for run in found.runs] == [np.inf, np.inf, 5e-3, 5e-3]
-    assert seconds_at(found, 1e-1) == {"A": 3e-3, "B": 9e-3}
-    assert "by A, dt = 0.0333 s" in sentence(found, "q")
+    precision = made_up(runs)
+    assert [counted(precision, "q", run) for run in precision.runs] == [np.inf, np.inf, 5e-3, 5e-3]
+    assert seconds_at(precision, 1e-1) == {"A": 3e-3, "B": 9e-3}
+    assert "by A, dt = 0.0333 s" in sentence(precision, "q")
 
 
 def test_errors_below_that_of_the_reference_are_not_shown_as_known(tmp_path):
-    found = made_up([*TWO, ("B", 2e-2, 1e-5)], q=1e-3)
-    assert [counted(found, "q", run) for run in found.runs] == [5e-2, 5e-3, 4e-2, 3e-3, 3e-3]
-    assert seconds_at(found, 1e-3) == {} and set(seconds_at(found, 1e-2)) == {"A", "B"}
-    assert "the smallest error is 3e-3, by B, dt = 0.01 s" in sentence(found, "q")
-    assert "The reference is known to 0.001." in sentence(found, "q")
-    assert_refused(r"quantity = 'p' must be one of \['q'\]", sentence, found, "p")
+    precision = made_up([*TWO, ("B", 2e-2, 1e-5)], q=1e-3)
+    assert [counted(precision, "q", run) for run in precision.runs] == [
+        5e-2,
+        5e-3,
+        4e-2,
+        3e-3,
+        3e-3,
+    ]
+    assert seconds_at(precision, 1e-3) == {} and set(seconds_at(precision, 1e-2)) == {"A", "B"}
+    assert "the smallest error is 3e-3, by B, dt = 0.01 s" in sentence(precision, "q")
+    assert "The reference is known to 0.001." in sentence(precision, "q")
+    assert_refused(r"quantity = 'p' must be one of \['q'\]", sentence, precision, "p")
     with pytest.raises(ValueError, match="path = 3 must be the name of a file"):
-        work_precision.write(3, found)
-    work_precision.write(tmp_path / "q", found)
+        work_precision.write(3, precision)
+    work_precision.write(tmp_path / "q", precision)
     rows = [line.split("|") for line in (tmp_path / "q.md").read_text().splitlines()]
     errors = [row[-3].strip() for row in rows if len(row) > 12 and row[1].strip() in "AB"]
     assert errors == ["0.05", "0.005", "0.04", "< 0.003", "< 0.003"]
@@ -222,7 +228,7 @@ def test_errors_below_that_of_the_reference_are_not_shown_as_known(tmp_path):
 
 
 def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path):
-    found = small(
+    precision = small(
         scene=lambda elements, degree: scenes.pinned_beam(elements, degree)[0],
         quantities={"energy": lambda s: s.energy.balance_error / s.energy.total[0]},
         exact={"energy": 0.0},
@@ -232,15 +238,15 @@ def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path):
         t_end=1.0,
         results=tmp_path / "pinned",
     )
-    ours, newmark = found.runs
+    ours, newmark = precision.runs
     assert ours.errors["energy"] < 1e-11 and not ours.failure
     assert newmark.errors == {} and "t = " in newmark.failure and newmark.reached < 1
     # The steps are a part of the call; a run that broke off has its times too.
-    assert all(run.seconds >= run.step_seconds > 0 for run in found.runs)
+    assert all(run.seconds >= run.step_seconds > 0 for run in precision.runs)
     page = (tmp_path / "pinned.md").read_text()
-    assert newmark.failure in page and sentence(found, "energy") in page
-    assert "by ours, dt = 0.02 s" in sentence(found, "energy")
-    assert "1 of 2 runs broke off" in sentence(found, "energy")
+    assert newmark.failure in page and sentence(precision, "energy") in page
+    assert "by ours, dt = 0.02 s" in sentence(precision, "energy")
+    assert "1 of 2 runs broke off" in sentence(precision, "energy")
     row = json.loads((tmp_path / "pinned.json").read_text())["Runs"][1]
     assert row["failure"] == newmark.failure and row["seconds"] > 0
     for picture in ("pinned.png", "pinned_curves.png"):
@@ -258,8 +264,8 @@ def test_a_motion_starts_from_the_static_solution_that_is_given(tmp_path):
     force = {"force": lambda s: s.resultants("rod").N[0, 0]}
     start = 20.0 + PENDULUM.MASS * PENDULUM.GRAVITY
     more = {"start": pulled, "meshes": [(2, 2)], "results": tmp_path / "pulled"}
-    found = small(quantities=force, exact={"force": start}, **more)
-    assert found.runs[0].errors["force"] < 1e-6
+    precision = small(quantities=force, exact={"force": start}, **more)
+    assert precision.runs[0].errors["force"] < 1e-6
     assert "from the solutions that `pulled` gives" in (tmp_path / "pulled.md").read_text()
     assert small(quantities=force, exact={"force": start}).runs[0].errors["force"] == approx(1)
 
@@ -270,13 +276,13 @@ def test_a_quantity_that_fails_for_one_scheme_is_noted_and_all_else_is_kept(tmp_
             raise ZeroDivisionError("nothing to divide by")
         return PENDULUM.displacement(solution)
 
-    found = small(
+    precision = small(
         quantities={"tip": PENDULUM.displacement, "picky": picky},
         exact={"tip": tip, "picky": tip},
         schemes=[fb.EnergyMomentum(), fb.Newmark()],
         results=tmp_path / "picky",
     )
-    ours, newmark = found.runs
+    ours, newmark = precision.runs
     assert ours.errors["picky"] == ours.errors["tip"] and not ours.notes
     assert np.isnan(newmark.errors["picky"]) and newmark.errors["tip"] > 0
     assert "'picky' failed, ZeroDivisionError: nothing to divide by" in newmark.notes["picky"]
@@ -290,25 +296,25 @@ def test_a_reference_that_fails_is_said_and_exact_quantities_keep_their_errors(t
         return scene
 
     quantities = {"tip": PENDULUM.displacement, "energy": lambda s: PENDULUM.energy_ratio(s) - 1}
-    found = small(
+    precision = small(
         scene=lambda elements, degree: (fast if elements > 1 else pendulum)(elements, degree),
         quantities=quantities,
         exact={"energy": 0.0},
         results=tmp_path / "lost",
     )
-    (run,) = found.runs
+    (run,) = precision.runs
     assert run.errors["energy"] < 1e-12 and run.seconds > 0
-    assert np.isnan(run.errors["tip"]) and np.isnan(found.references["tip"])
+    assert np.isnan(run.errors["tip"]) and np.isnan(precision.references["tip"])
     assert (
         "there is no reference: EnergyMomentum, dt = 0.00625 s, 4 elements of degree 1: "
-        in sentence(found, "tip")
+        in sentence(precision, "tip")
     )
-    assert found.missing["tip"] in (tmp_path / "lost.md").read_text()
+    assert precision.missing["tip"] in (tmp_path / "lost.md").read_text()
 
 
 def test_steps_and_meshes_may_be_arrays():
-    found = small(dt=np.array([0.1, 0.05]), meshes=np.array([[1, 1], [2, 1]]))
-    assert [(run.mesh.elements, run.dt) for run in found.runs] == [
+    precision = small(dt=np.array([0.1, 0.05]), meshes=np.array([[1, 1], [2, 1]]))
+    assert [(run.mesh.elements, run.dt) for run in precision.runs] == [
         (1, 0.1), (1, 0.05), (2, 0.1), (2, 0.05)
     ]  # fmt: skip
 
