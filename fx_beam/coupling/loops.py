@@ -36,17 +36,18 @@ _FILL = 8
 
 
 class Loops:
-    """The closed loops of a scene; `unit` (free,) is the size of unit unknowns.
+    """The closed loops of a scene; `turns` (free,) says which unknowns are rotations.
 
     Closures are in the order of blocks; a block shares unknowns, directly or through others.
     """
 
     def __init__(
-        self, couplings: Couplings, auxiliaries: Auxiliaries, unit: np.ndarray, sliders: Sliders
+        self, couplings: Couplings, auxiliaries: Auxiliaries, turns: np.ndarray, sliders: Sliders
     ):
         #: Size of the scene [m].
         self.size = size = sliders.scene_size
-        self.unit, self._couplings, self._sliders = unit, couplings, sliders
+        self.unit = unit = np.where(turns, 1.0, size)
+        self._couplings, self._sliders = couplings, sliders
         self._entries = Entries.of(enumerate(closure.entries for closure in couplings.closures))
         values, *dependence = _dependence(couplings, auxiliaries, sliders.all)
         shape = len(couplings.closures), dependence[0].shape[1]
@@ -57,6 +58,13 @@ class Loops:
         self._entries = Entries.of(enumerate(closure.entries for closure in self.closures))
         #: In compressed rows the columns on which each closure depends.
         self._near = depends[order]
+        #: Units (free,) by which those that follow are chosen: beams turn by about 1 over their own
+        #: length, also where the scene is larger.
+        self._pivot_unit = unit.copy()
+        for _, columns in blocks:
+            guides = [s.guide.path.length for s in sliders.all if s.column in columns]
+            lengths = columns[~turns[columns]]
+            self._pivot_unit[lengths] = min([size, *guides])
         moved = scipy.sparse.csgraph.maximum_bipartite_matching(
             self._near[:, : couplings.free], perm_type="column"
         )
@@ -130,7 +138,7 @@ class Loops:
             "blocks": len(parts),
             "pivoting_size": max(_FILL * part.nnz + part.shape[1] for part in parts),
             "column": self.columns,
-            "unit": self.unit[self.unknowns],
+            "unit": self._pivot_unit[self.unknowns],
             "following": np.zeros(len(self), dtype=int),
             "b": [b for _, b in ends],
             "a": [a for a, _ in ends],

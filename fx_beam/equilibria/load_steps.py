@@ -73,8 +73,9 @@ class LoadStepper:
         if not reduced_forces.any():
             return np.zeros(model.size)
         self.motions.stiffness(state)  # the couplings are then those of this state
-        T = model.reduction.maps.coupling()[:, : len(reduced_forces)]
-        return T @ pivoted_lu(T.T @ T).solve(reduced_forces)
+        maps, T = model.reduction.maps, self.motions.coupling()
+        D = maps.dependence_matrix()[: len(reduced_forces), model.reduction.independent]
+        return T @ pivoted_lu(T.T @ T).solve(D.T @ reduced_forces)
 
     def hold_between(self, start: float, end: float) -> None:
         """Set the forces that hold the start of the path, at both load factors of a step."""

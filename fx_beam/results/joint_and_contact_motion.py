@@ -108,16 +108,8 @@ class JointMotion:
         `Input`, whose rate jumps from step to step, to first order. The work in `Solution.energy`
         is exact. A row for every step is required.
         """
-        solution, force = self.solution, self.motor_force
-        if len(solution.t) != solution.stats.steps + 1:
-            raise ValueError("motor_power needs every step; simulate with record=Record(every=1)")
-        place = self.slide if "slide" in self.joint.driven else self.angle
-        # The force in the middle of the step, interpolated from those at the scheme's level.
-        previous = np.concatenate([force[:2], force[1:-1]])[: len(force)]
-        middle = force + (0.5 - solution.stats.level) * (force - previous)
-        power = np.zeros(len(force))
-        power[1:] = middle[1:] * np.diff(place) / np.diff(solution.t)
-        return power
+        force, place = self.motor_force, self.slide if "slide" in self.joint.driven else self.angle
+        return _power(self.solution, _mean_force(self.solution, force) * np.diff(place), "motor_power")
 
     def internal(self, variable: str) -> np.ndarray:
         """An internal variable of the joint's springs over time.
@@ -153,6 +145,21 @@ class JointMotion:
     def _check(self, exists: bool, quantity: str) -> None:
         if not exists:
             raise ValueError(f"{self.joint} has no {quantity}")
+
+
+def _mean_force(solution: Any, force: np.ndarray) -> np.ndarray:
+    """Forces (steps,) in the middle of steps, interpolated from those (n,) at the scheme's level."""
+    previous = np.concatenate([force[:2], force[1:-1]])[: len(force)]
+    return (force + (0.5 - solution.stats.level) * (force - previous))[1:]
+
+
+def _power(solution: Any, work: np.ndarray, name: str) -> np.ndarray:
+    """Mean power (n,) over the steps of a motion by the work (n - 1,) of each; 0 in row 0."""
+    if solution.stats.static:
+        raise ValueError(f"{name}: no time passes in a static solution")
+    if len(solution.t) != solution.stats.steps + 1:
+        raise ValueError(f"{name} needs every step; simulate with record=Record(every=1)")
+    return np.append(0.0, work / np.diff(solution.t))
 
 
 def internal_variable(
@@ -271,11 +278,11 @@ class PullMotion:
         `EnergyMomentum`, else to second order. Of a bed it is that of all nodes, which is stored. A
         row for every step is required.
         """
-        solution, length = self.solution, self.length
-        if len(solution.t) != solution.stats.steps + 1:
-            raise ValueError("power needs every step; simulate with record=Record(every=1)")
-        work = np.diff(self.energy) if length.ndim > 1 else self.force[1:] * np.diff(length)
-        return np.append(0.0, work / np.diff(solution.t))
+        if (length := self.length).ndim > 1:
+            work = np.diff(self.energy)
+        else:
+            work = _mean_force(self.solution, self.force) * np.diff(length)
+        return _power(self.solution, work, "power")
 
     @property
     def energy(self) -> np.ndarray:

@@ -213,7 +213,7 @@ class Model:
         if self.couplings.closures and sliders is not None:
             from fx_beam.coupling.loops import Loops
 
-            loops = Loops(self.couplings, auxiliaries, self.units.unknowns, sliders)
+            loops = Loops(self.couplings, auxiliaries, self.units.turns, sliders)
         self.reduction = Reduction(
             couplings=self.couplings,
             auxiliaries=auxiliaries,

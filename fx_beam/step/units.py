@@ -19,14 +19,15 @@ class Units:
         #: Sizes (size,) of unit increments of degrees of freedom.
         self.nodes = np.full(mesh.dofs.size, mesh.size)
         self.nodes[2::3] = 1.0
-        columns = np.full(couplings.columns + len(couplings.auxiliaries), mesh.size)
+        turns = np.zeros(couplings.columns + len(couplings.auxiliaries), dtype=bool)
         entries = couplings.all_entries
-        columns[entries.column[entries.row % 3 == 2]] = 1.0
+        turns[entries.column[entries.row % 3 == 2]] = True
         for auxiliary in couplings.auxiliaries:
             if auxiliary.dof % 3 == 2:
-                columns[[entry[0] for entry in auxiliary.entries]] = 1.0
-        #: Sizes (free,) of unit increments of unknowns.
-        self.unknowns = columns[: couplings.free]
+                turns[[entry[0] for entry in auxiliary.entries]] = True
+        #: Which unknowns (free,) are rotations, and sizes (free,) of their unit increments.
+        self.turns = turns[: couplings.free]
+        self.unknowns = np.where(self.turns, 1.0, mesh.size)
 
     def errors(self, scene: Scene) -> np.ndarray:
         """Sizes (size,) of errors: rotations that displace something are seen as displacements.

@@ -70,6 +70,24 @@ def test_energies_and_powers_of_all_lines_are_those_of_the_scene(own):
     assert taken == pytest.approx(growth, abs=1e-9 * growth.max())
 
 
+@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT(-0.1), fb.GeneralizedAlpha(0.8)])
+def test_powers_add_up_to_second_order_where_forces_are_not_those_of_the_middle(scheme):
+    errors = []
+    for dt in (0.01, 0.005):
+        scene, line, held = pair()
+        solution = fb.simulate(scene, scheme, dt=dt, t_end=0.5)
+        lines, energy = [solution.joint(one) for one in (line, *held)], solution.energy
+        growth = energy.springs[-1] - energy.springs[0] + energy.dissipated[-1]
+        errors.append(abs(dt * sum(one.power.sum() for one in lines) - growth))
+    assert errors[1] < min(0.35 * errors[0], 2e-3 * growth)
+
+
+def test_an_equilibrium_has_no_power():
+    scene, line, _ = pair()
+    with pytest.raises(ValueError, match="power: no time passes in a static solution"):
+        fb.static(scene).joint(line).power  # noqa: B018
+
+
 def test_the_energy_of_a_bed_and_of_a_stop_is_that_of_springs():
     scene, beam = one_bar((2, 0), fb.Section(EA=1e5, GA=1e5, EI=20.0), elements=8)
     scene.fix(beam.start, "x")

@@ -383,6 +383,41 @@ def test_a_driven_guide_carries_the_rod_and_its_work_is_in_the_balance(make):
         assert solution.rotation(joint.b) == pytest.approx(np.array(driven)[:, 2], abs=1e-13)
 
 
+def sprung_rod(*far):
+    """A rod in a sleeve on the ground, whose spring is stretched; a body may be far away."""
+    scene = fb.Scene(gravity=(0.5, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    rod = scene.add_beam([(0, 0), (1, 0.3)], section, elements=4)
+    scene.add_joint(fb.Sleeve(rod, fb.GROUND, fraction=0.6, spring=fb.Spring(20.0, rest=0.4)))
+    tip = scene.add_body((1, 0.3), mass=0.5, inertia=0.02)
+    scene.add_joint(fb.Rigid(rod.end, tip.centre))
+    if far:
+        scene.clamp(scene.add_body(far, mass=1.0, inertia=0.1).centre)
+    return scene, rod
+
+
+def test_what_is_far_away_changes_nothing():
+    """Of a bent rod the slide moves its rotation little: it must not follow that."""
+    scene, rod = sprung_rod()
+    motion, rest = fb.simulate(scene, dt=0.01, t_end=0.2), fb.static(scene, load_steps=3)
+    scene, rod = sprung_rod(0, 1000)
+    moved = fb.simulate(scene, dt=0.01, t_end=0.2)
+    assert moved.stats.newton_iterations == motion.stats.newton_iterations
+    assert moved.position(rod.end) == pytest.approx(motion.position(rod.end), abs=1e-9)
+    found = fb.static(scene, load_steps=3).position(rod.end)
+    assert found == pytest.approx(rest.position(rod.end), abs=1e-9)
+
+
+def test_a_path_with_a_loop_and_a_stretched_spring_may_end_early():
+    """What still holds its start is among the loads of its last row, from which others begin."""
+    scene, rod = sprung_rod()
+    path = fb.static(scene, load_steps=3, continuation="arc-length", max_steps=1)
+    assert 0.1 < path.load_factor[-1] < 0.9
+    rest = fb.static(scene, start=path).position(rod.end)
+    assert rest[0] == pytest.approx(path.position(rod.end)[-1], abs=1e-12)
+    assert rest[-1] == pytest.approx(fb.static(scene).position(rod.end)[-1], abs=1e-9)
+
+
 def test_a_guide_that_rolls_or_turns_on_a_pin_is_held_where_it_cannot_move():
     for hold, free in ((("y",), "x"), (("x", "y"), "rotation")):
         scene, rod = falling_rod()
