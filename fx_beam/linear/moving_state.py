@@ -48,7 +48,7 @@ _NO_DAMPING = 1e-13
 # Weights of these differences.
 _APART, _LEAST_APART = 0.02, 1e-4
 _FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
-# Half of the time over which a natural strain is seen to change, relative to the mean step of the
+# Half of the time over which a natural strain is seen to change, relative to the last step of the
 # motion, and at least relative to the time; at the time zero before the first step [s]. The largest
 # difference of its changes before and behind, relative to them; round-off of it.
 _MOMENT, _OF_TIME, _AT_ZERO, _KINK, _ROUNDING = 1e-3, 1e-9, 1e-6, 1e-3, 1e-13
@@ -124,7 +124,7 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     _warn_of_turn(model, state, T, dT, caller)
     strained = None
     if solution is not None and not solution.stats.static:
-        strained = _natural_rates(model, solution, caller)
+        strained = _natural_rates(model, state, caller)
     model.forms.set_load(factor)
     f, K, C, pushes, stiff, viscous, added = _forces(model, state, strained)
     model.forms.set_load(1.0)
@@ -274,14 +274,12 @@ class _Coupling:
         return out
 
 
-def _natural_rates(model: Model, solution: Solution, caller: str) -> np.ndarray | None:
+def _natural_rates(model: Model, state: State, caller: str) -> np.ndarray | None:
     """Rates (cells, degree, 3) of natural strains [1/s], which damp; None without any."""
     if not model.data.natural:
         return None
-    t = float(solution.t[-1])
-    first = float(solution.t[0]) if len(solution.t) > 1 else 0.0  # a state has one row
-    length = abs(t - first) / max(solution.stats.steps, 1)
-    h = max(_MOMENT * length, _OF_TIME * abs(t)) or _AT_ZERO
+    t = state.t
+    h = max(_MOMENT * state.length, _OF_TIME * abs(t)) or _AT_ZERO
     values = np.array([model.data.natural.at(t + k * h) for k in range(-2, 3)])
     # Over twice the time a smooth function bends four times as much, one with a kink twice.
     weights = [[0, -1, 0, 1, 0], [0, 1, -2, 1, 0], [-1, 4, -6, 4, -1]]
@@ -396,13 +394,15 @@ def _accelerations(
     pushes: np.ndarray,
     turning: np.ndarray,
 ) -> np.ndarray:
-    """Accelerations z'': of unknowns by the equations, of driven motions as in the last step.
+    """Accelerations z'': of unknowns by the equations, of driven motions as the step ended.
 
     Forces are r (size,) at nodes and pushes (columns,) of springs. Inputs have no acceleration.
     """
     free, mass = len(unknowns := model.reduction.independent), model.masses.matrix
     a = np.zeros(T.shape[1])
-    if model.reduction.driven and state.a.any():
+    if model.reduction.driven and state.length:  # `State.a` is that of the middle of the step
+        a[free:] = forcing.derivatives(state.t, -_MOMENT * state.length)[1]
+    elif model.reduction.driven and state.a.any():
         unit = model.units.nodes
         scaled = T.toarray() / unit[:, None]
         a = np.linalg.lstsq(scaled, (state.a - turning) / unit, rcond=None)[0]

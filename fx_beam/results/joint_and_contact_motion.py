@@ -109,7 +109,9 @@ class JointMotion:
         is exact. A row for every step is required.
         """
         force, place = self.motor_force, self.slide if "slide" in self.joint.driven else self.angle
-        return _power(self.solution, _mean_force(self.solution, force) * np.diff(place), "motor_power")
+        return _power(
+            self.solution, _mean_force(self.solution, force) * np.diff(place), "motor_power"
+        )
 
     def internal(self, variable: str) -> np.ndarray:
         """An internal variable of the joint's springs over time.
@@ -148,7 +150,7 @@ class JointMotion:
 
 
 def _mean_force(solution: Any, force: np.ndarray) -> np.ndarray:
-    """Forces (steps,) in the middle of steps, interpolated from those (n,) at the scheme's level."""
+    """Forces (steps,) in the middle of steps, from those (n,) at the level of the scheme."""
     previous = np.concatenate([force[:2], force[1:-1]])[: len(force)]
     return (force + (0.5 - solution.stats.level) * (force - previous))[1:]
 

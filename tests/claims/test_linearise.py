@@ -221,6 +221,37 @@ def test_systems_of_the_instant_of_a_closed_loop_in_motion():
     assert max(errors) < 5e-3
 
 
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.MidPoint(order=4), fb.EnergyDecaying()])
+def test_a_pendulum_on_a_driven_crank_has_the_stiffness_of_the_cranks_acceleration(scheme):
+    """That of the instant, not of the middle of the last step."""
+    a, b, m, J = 0.5, 0.4, 2.0, 0.1
+    scene = fb.Scene(gravity=(0, -9.81))
+    crank = scene.add_body((a / 2, 0), 1.0, 0.1, points={"O": (0, 0), "P": (a, 0)})
+    bob = scene.add_body((a, -b), m, J, points={"P": (a, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, crank["O"], motor=lambda t: 2 * t**2 + 30 * t**3))
+    scene.add_joint(fb.Revolute(crank["P"], bob["P"]))
+    solution = fb.simulate(scene, scheme, dt=0.02, t_end=0.2)
+    turn, spin, bend = 2 * 0.2**2 + 30 * 0.2**3, 4 * 0.2 + 90 * 0.2**2, 4 + 180 * 0.2
+    phi = solution.rotation(bob.centre)[-1]
+    pivot = a * (1j * bend - spin**2) * np.exp(1j * turn) + 9.81j
+    stiffness = m * b * (pivot.imag * np.cos(phi) - pivot.real * np.sin(phi)) / (J + m * b**2)
+    A = fb.linearise(scene, solution).A
+    assert pytest.approx(np.array([[0, 1], [-stiffness, 0]]), abs=1e-6 * abs(stiffness)) == A
+
+
+def test_natural_strains_have_their_rate_also_late_after_a_start():
+    """Of a state of one row, which knows no other time than its own."""
+    systems = []
+    for late in (0.0, 1000.0):
+        scene, beam = clamped_bar((1, 0), section(), elements=2)
+        scene.add_natural_strain(beam, curvature=lambda t, late=late: 0.1 * np.sin(7 * (t - late)))
+        motion = fb.Motion(scene, dt=0.01, start=fb.static(scene, t=late))
+        for _ in range(3):
+            motion.step()
+        systems.append(fb.linearise(scene, motion.state).A)
+    assert systems[1] == pytest.approx(systems[0], rel=0, abs=1e-8 * abs(systems[0]).max())
+
+
 def test_a_state_of_motion_is_the_deviation_that_feedback_needs():
     scene, outputs = swinging()
     motion = fb.Motion(scene, dt=DT, outputs=outputs)
