@@ -311,7 +311,7 @@ def slopes_by(x: np.ndarray, constant: Iterable[int] = ()) -> Dual:
     return Dual(x, slopes)
 
 
-def scene_number(dual: MaybeDual) -> Any:
+def scene_number(dual: MaybeDual | float) -> Any:
     """A dual number or array as a scene keeps it: a `DualFloat` or `DualArray`; others as is."""
     if not isinstance(dual, Dual):
         return dual

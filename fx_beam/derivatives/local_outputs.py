@@ -40,7 +40,7 @@ class LocalOutput(RowOutput):
         #: Lengths of a row.
         self.shape = measured.shape
 
-        def read(array: str, entries: np.ndarray) -> np.ndarray:
+        def read(array: str, entries: int | np.ndarray) -> np.ndarray:
             if array == "X":
                 return self._model.mesh.X.reshape(-1)[entries]
             states = sub_steps.states[self._rates if array == "v" else array]

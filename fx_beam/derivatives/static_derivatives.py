@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_beam.dual import Dual, floats
+from fx_beam.dual import Dual, MaybeDual, floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
 from fx_beam.fem.scene_data import Data
@@ -94,13 +94,13 @@ class StaticDerivatives:
         if holding_forces.any():
             self.tape.hold = (1 - self.factors)[:, None] * holding_forces
 
-    def numbers_of(self, scene: Scene, change: np.ndarray | Dual) -> dict[str, np.ndarray]:
+    def numbers_of(self, scene: Scene, change: MaybeDual) -> dict[str, MaybeDual]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
         return self._numbers_at(self.factors, scene, change)
 
     def _numbers_at(
-        self, factors: np.ndarray, scene: Scene, change: np.ndarray | Dual
-    ) -> dict[str, np.ndarray]:
+        self, factors: np.ndarray, scene: Scene, change: MaybeDual
+    ) -> dict[str, MaybeDual]:
         scene = with_functions(scene, self.path.options.inputs, "static: inputs")
         data = data_of(self.model, scene)
         return static_numbers_of(self.model, data, self.path.forcing.time, factors)
@@ -178,7 +178,7 @@ class StateChange:
         #: Those of the configuration (m, size).
         self.node_changes = changes["q"]
 
-    def at(self, data: Data, change: np.ndarray | Dual) -> State:
+    def at(self, data: Data, change: MaybeDual) -> State:
         """The equilibrium with a change of the numbers (m,), for those of a scene.
 
         It has slopes if the change has.
@@ -189,8 +189,7 @@ class StateChange:
             for name in self._changes
             if (values := getattr(self._state, name)) is not None
         }
-        state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
-        if not data.natural:
-            return state
-        natural: Any = data.natural.numbers_at(state.t)
-        return replace(state, natural=natural if isinstance(change, Dual) else floats(natural))
+        if data.natural:
+            natural = data.natural.numbers_at(self._path.forcing.time)
+            moved["natural"] = natural if isinstance(change, Dual) else floats(natural)
+        return replace(self._state, t=self._path.forcing.time, parameters=None, **moved)

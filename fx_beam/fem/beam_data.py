@@ -100,7 +100,7 @@ def section_data(
         beam_rows = dual_array([constants[id(section)] for section in sections])
         return beam_rows[mesh.beam_of_cell][:, None]
     gauss, _ = gauss_rule(points)
-    values: list[np.ndarray] = []
+    values: list[MaybeDual] = []
     for beam in scene.beams:
         fractions = arc_lengths(beam, gauss) / beam.length
         try:

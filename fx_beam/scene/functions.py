@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, dual_array, dual_of, floats
+from fx_beam.dual import Dual, MaybeDual, dual_array, dual_of, floats
 from fx_beam.errors import LARGEST, Failure, SceneError, StepError, is_number, shaped, shown, vector
 
 # Parameter names, in lower case, that show a function of position instead of time.
@@ -43,11 +43,11 @@ class ArrayCalls:
         self,
         function: Callable,
         size: int,
-        rows: np.ndarray,
+        rows: MaybeDual,
         name: str,
         one_by_one: Callable,
         is_dual: bool,
-    ) -> np.ndarray:
+    ) -> MaybeDual:
         """Values (n, size) for rows (n, k) of arguments, by one call if the function accepts it.
 
         For the first function made by a line of the user's code all values are compared with calls
@@ -89,7 +89,7 @@ class Signal:
         # Whether values had slopes.
         self._is_dual = False
         # Last values with slopes: a motion and its derivatives ask for the same rows of arguments.
-        self._last: tuple[str, np.ndarray, np.ndarray] | None = None
+        self._last: tuple[str, np.ndarray, MaybeDual] | None = None
 
     @property
     def is_constant(self) -> bool:
@@ -112,14 +112,14 @@ class Signal:
         except Exception as error:
             raise self._failure(arguments, error) from error
 
-    def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> np.ndarray:
+    def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> MaybeDual:
         """Finite values (n, size) at n times [s]; StepError otherwise.
 
         The `time` of the error, or of another exception, says when.
         """
         return self.each(times[:, None], arrays, name)
 
-    def each(self, rows: np.ndarray, arrays: ArrayCalls | None = None, run: str = "") -> np.ndarray:
+    def each(self, rows: MaybeDual, arrays: ArrayCalls | None = None, run: str = "") -> MaybeDual:
         """Values (n, size) for rows (n, k) of arguments; SceneError for what does not fit.
 
         With `arrays` the function is called once for all rows, if it accepts that. With `run`, a
@@ -141,7 +141,7 @@ class Signal:
             self._last = None if isinstance(rows, Dual) else (run, rows, values)
         return values
 
-    def _one_by_one(self, rows: np.ndarray, run: str) -> np.ndarray:
+    def _one_by_one(self, rows: MaybeDual, run: str) -> MaybeDual:
         """Values (n, size), by one call for each row of arguments."""
         function: Any = self.function
         arguments: list = rows.tolist()
@@ -200,7 +200,7 @@ class SignalAlong(Signal):
         values = floats(self.at(self._samples, *arguments))
         return values[np.argmax(np.linalg.norm(values, axis=1))]
 
-    def at(self, positions: np.ndarray, t: float) -> np.ndarray:
+    def at(self, positions: np.ndarray, t: float) -> MaybeDual:
         """Finite values (n, size) at n positions; SceneError otherwise."""
         values = self._at_once(positions, t) if self._takes_arrays else None
         if values is not None and self._is_right(values, positions, t):
@@ -208,7 +208,7 @@ class SignalAlong(Signal):
                 return values
         return self._at_each(positions, t)  # which names the place
 
-    def _is_right(self, values: np.ndarray, positions: np.ndarray, t: float) -> bool:
+    def _is_right(self, values: MaybeDual, positions: np.ndarray, t: float) -> bool:
         """Whether values of one call equal the values of calls one by one, at two positions.
 
         They are compared until some are not zero, and then ever more rarely.
@@ -221,12 +221,12 @@ class SignalAlong(Signal):
         self._was_zero &= not floats(values).any()
         return self._takes_arrays
 
-    def _at_once(self, positions: np.ndarray, t: float) -> np.ndarray | None:
+    def _at_once(self, positions: np.ndarray, t: float) -> MaybeDual | None:
         """Values (n, size) of one call; None if they do not fit."""
         function: Any = self.function
         return _at_once(lambda position: function(position, t), self.size, positions[:, None])
 
-    def _at_each(self, positions: np.ndarray, t: float) -> np.ndarray:
+    def _at_each(self, positions: np.ndarray, t: float) -> MaybeDual:
         places, function = positions.tolist(), self.function
         assert function is not None
         with suppress(Exception):  # which is found below, with its place
@@ -312,7 +312,7 @@ def evaluate(function: Callable, t: float, name: str) -> np.ndarray:
     return value
 
 
-def _at_once(function: Callable, size: int, rows: np.ndarray) -> np.ndarray | None:
+def _at_once(function: Callable, size: int, rows: MaybeDual) -> MaybeDual | None:
     """Finite values (n, size) of one call; None if they do not fit."""
     if isinstance(rows, Dual):
         columns: Any = [rows[:, [i]] for i in range(rows.shape[1])]
@@ -337,7 +337,7 @@ def _at_once(function: Callable, size: int, rows: np.ndarray) -> np.ndarray | No
     return values if values.shape[1] == size and np.isfinite(values).all() else None
 
 
-def _agree(values: np.ndarray, expected: np.ndarray, sizes: np.ndarray | None = None) -> bool:
+def _agree(values: MaybeDual, expected: MaybeDual, sizes: MaybeDual | None = None) -> bool:
     """Whether values (n, size) differ by round-off at most, in terms of the largest of `sizes`."""
     values, expected, sizes = map(floats, (values, expected, expected if sizes is None else sizes))
     return bool((abs(values - expected) <= _ROUNDING * abs(sizes).max(axis=0)).all())

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam import errors
+from fx_beam.dual import MaybeDual
 from fx_beam.errors import SceneError, shown
 from fx_beam.symbolic import ufl
 
@@ -130,7 +131,7 @@ class InputSignal(Signal):
         part = (arguments[0] - self._t0) / (self._t1 - self._t0)
         return np.array([self.start + min(max(part, 0.0), 1.0) * (self.end - self.start)])
 
-    def each(self, rows: np.ndarray, arrays: ArrayCalls | None = None, run: str = "") -> np.ndarray:
+    def each(self, rows: MaybeDual, arrays: ArrayCalls | None = None, run: str = "") -> MaybeDual:
         """Values (n, size) at times (n, 1)."""
         return np.array([self(*row) for row in rows.tolist()])
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import dual_array, floats
+from fx_beam.dual import MaybeDual, dual_array, floats
 from fx_beam.errors import (
     IS_DATA,
     LARGEST,
@@ -49,7 +49,7 @@ NAMES = {name: f"natural {name} strain" for name in ("axial", "shear")}
 NAMES["curvature"] = "natural curvature"
 
 
-def values_along(function: Signal, positions: np.ndarray, arrays: ArrayCalls | None) -> np.ndarray:
+def values_along(function: Signal, positions: np.ndarray, arrays: ArrayCalls | None) -> MaybeDual:
     """Finite values (n, size) of a function of position at n positions; SceneError otherwise."""
     values = function.each(positions[:, None], arrays)
     if not (abs(floats(values)) <= LARGEST).all():

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import dual_array, floats
+from fx_beam.dual import MaybeDual, dual_array, floats
 from fx_beam.errors import LARGEST, SceneError, real_array, shown
 
 from .beam import MOST_ELEMENTS, Beam, Node
@@ -74,7 +74,7 @@ def _repeated(values: np.ndarray) -> np.ndarray:
     return np.setdiff1d(np.arange(len(values)), np.unique(values, return_index=True)[1])
 
 
-def _checked_points(points: object) -> np.ndarray:
+def _checked_points(points: object) -> MaybeDual:
     """Positions (n, 2) [m], with slopes if they have any."""
     places = real_array(points)
     if places.ndim != 2 or places.shape[1] != 2:

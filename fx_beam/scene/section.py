@@ -412,7 +412,7 @@ def functions_of_section(section: Section) -> Iterator[tuple[str, Expr]]:
 
 def values_along(
     section: Section, name: str, fractions: np.ndarray, arrays: ArrayCalls | None
-) -> np.ndarray:
+) -> MaybeDual:
     """`Section.values`, by one call of a function for all fractions if it accepts `arrays`."""
     values = [_values(name, datum, fractions, arrays) for datum in section._data(name)]
     return np.stack(values, axis=-1) if len(values) > 1 else values[0]
@@ -425,7 +425,7 @@ def _check_name(name, method: str) -> None:
 
 def _values(
     name: str, datum: Datum | None, fractions: np.ndarray, arrays: ArrayCalls | None
-) -> np.ndarray:
+) -> MaybeDual:
     """Values in the shape of fractions of the arc length; zero for no stiffness."""
     if not callable(datum):
         value = 0.0 if datum is None else _value(name, datum)

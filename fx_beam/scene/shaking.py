@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import dual_array, floats
+from fx_beam.dual import MaybeDual, dual_array, floats
 from fx_beam.errors import SceneError, real_array
 
 from .functions import ArrayCalls, Signal, check_takes_time
@@ -44,13 +44,13 @@ class Accelerogram(Signal):
         super().__init__(self._at, 1, name)
         self.times, self.values = times, values
 
-    def _at(self, t: np.ndarray) -> np.ndarray:
+    def _at(self, t: MaybeDual) -> MaybeDual:
         times, places = floats(dual_array(self.times)), floats(t)
         is_recorded = (places >= times[0]) & (places <= times[-1])
         interpolated = np.interp(t, dual_array(self.times), dual_array(self.values))
         return np.where(is_recorded, interpolated, 0.0)
 
-    def each(self, rows: np.ndarray, arrays: ArrayCalls | None = None, run: str = "") -> np.ndarray:
+    def each(self, rows: MaybeDual, arrays: ArrayCalls | None = None, run: str = "") -> MaybeDual:
         """Values (n, 1) at times (n, 1) [s], by one call for all."""
         return self._at(rows)
 
