@@ -48,6 +48,8 @@ _NOT_SETTLED = (
     "no equilibrium was found at the start for nodes without mass: their motion may alternate from "
     "step to step. Let the loads begin at zero, or start from static(scene)"
 )
+# Rates that were given before the first ones.
+_NONE_BEFORE = np.zeros(1, dtype=bool)
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 
 
@@ -441,15 +443,14 @@ def given_velocity(model: Model) -> Any:
     if not scene.velocities:
         return np.zeros(model.size)
     X = model.data.X
-    values, known = np.zeros((len(X), 3)), np.zeros(len(X), dtype=bool)
+    values, known, arrays = np.zeros((len(X), 3)), np.zeros(len(X), dtype=bool), scene.array_calls
     slopes: Any = None
-    for item in scene.velocities:
+    for i, item in enumerate(scene.velocities):
         nodes = mesh.nodes_of(scene, item.target)
-        earlier, twice, x = values[nodes], known[nodes], X[nodes]
-        arrays = scene.array_calls
+        x, earlier = X[nodes], values[nodes] if i else _NONE_BEFORE
         rates: Any = np.concatenate([item.value.each(x, arrays), item.spin.each(x, arrays)], axis=1)
-        known[nodes], plain_rates = True, floats(rates)
-        values[nodes] = plain_rates
+        plain_rates, twice = floats(rates), known[nodes] if i else _NONE_BEFORE
+        values[nodes], known[nodes] = plain_rates, True
         if isinstance(rates, Dual):
             slopes = np.zeros((*values.shape, rates.count)) if slopes is None else slopes
             slopes[nodes] = rates.slopes

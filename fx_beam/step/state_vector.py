@@ -16,6 +16,8 @@ from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
 from .form_tables import aligned_zeros
 from .model import Model, once, sizes_of
 
+# A state without anything, of which those that are read are made.
+_NOTHING = State(0.0, *[np.empty(0)] * 5)
 #: A copy of the memory, and of the numbers that go with it.
 StateCopy = tuple[np.ndarray, bytes]
 
@@ -111,9 +113,10 @@ class StateVector:
         numbers = self._c.state
         names = self._readable[(numbers.steps_done > 0) * (1 + bool(numbers.forces_found))]
         values: dict[str, Any] = {name: self.arrays[name].copy() for name in names}
-        values |= {name: getattr(numbers, name) for name in NUMBERS}
-        motors = self._driven[len(self._model.prescribed) :].copy()
-        return State(**values | {"t": t, "motors": motors})
+        for name in NUMBERS:
+            values[name] = getattr(numbers, name)
+        values["t"], values["motors"] = t, self._driven[len(self._model.prescribed) :].copy()
+        return _NOTHING.changed(**values)
 
     @property
     def past(self) -> Past:

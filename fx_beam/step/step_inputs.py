@@ -49,8 +49,9 @@ class StepInputs(NamedTuple):
 
     def in_c(self, ffi: Any) -> Any:
         """The struct ``Inputs``, which reads these arrays as long as they are kept."""
-        inputs = ffi.new("Inputs *", {"ratio": self.ratio})
-        for name, rows in self.arrays().items():
+        inputs = ffi.new("Inputs *")
+        inputs.ratio = self.ratio
+        for name, rows in zip(self._fields, self[:5], strict=False):
             if rows.size:
                 # The first row is contiguous, also where it stands for all.
                 setattr(inputs, name, ffi.from_buffer("double[]", rows[:1]))

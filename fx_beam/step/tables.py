@@ -88,8 +88,8 @@ class SceneNumbers:
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
         model, kind = self._model, self._storage.kind
-        joint_numbers = model.reduction.joints.offsets_and_axes
-        numbers = {f"joints.{name}": values for name, values in joint_numbers.items()}
+        offset, axis = model.reduction.joints.arms
+        numbers = {"joints.offset": offset, "joints.axis": axis}
         numbers["loads.force"] = floats(model.data.loads.entries)
         if masses:
             values, turning = 0, 0 if kind.turns else 1  # centrifugal forces have no moments
