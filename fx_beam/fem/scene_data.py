@@ -64,20 +64,20 @@ class Arms(NamedTuple):
     """Arms, offsets and axes of joints that move, by their numbers; some axes are None."""
 
     numbers: list[int]
-    vectors: list[Any]
+    vectors: list[list[float] | None]
 
     @classmethod
     def of(cls, scene: Scene) -> Arms:
         """Arms of a scene."""
         joints = [joint for joint in scene.joints if not joint.is_selection]
-        names = "arm", "offset", "axis", "apart"
-        return cls([j.number for j in joints], [getattr(j, name) for j in joints for name in names])
+        vectors = [vector for j in joints for vector in (j.arm, j.offset, j.axis, j.apart)]
+        plain = [None if vector is None else floats(vector).tolist() for vector in vectors]
+        return cls([joint.number for joint in joints], plain)
 
-    def are_at(self, other: Arms) -> bool:
-        """Whether all arms are equal to `other`; OtherStructureError if other joints have arms."""
+    def check(self, other: Arms) -> None:
+        """OtherStructureError if other joints have arms."""
         if self.numbers != other.numbers:
             raise OtherStructureError("other joints have offsets")
-        return all(map(np.array_equal, self.vectors, other.vectors))
 
 
 class Data(NamedTuple):
@@ -100,9 +100,9 @@ class Data(NamedTuple):
 
     def lies_as(self, other: Data) -> bool:
         """Whether nodes and joints are where other data have them, or nothing depends on it."""
-        # Joints first: they also say whether others have offsets.
-        are_at = self.arms.are_at(other.arms)
-        return are_at and (self.X is other.X or all_of(floats(self.X) == floats(other.X)))
+        if self.arms.vectors != other.arms.vectors:
+            return False
+        return self.X is other.X or all_of(floats(self.X) == floats(other.X))
 
     @property
     def before_motors(self) -> MaybeDual:

@@ -676,7 +676,8 @@ def slides_at_start(scene) -> np.ndarray:
     """Slides (joint_count,) of the joints in the reference configuration [m]."""
     slides = np.zeros(scene.joint_count)
     for joint in scene.joints:
-        slides[joint.number] = joint.start()[0]
+        if type(joint) is not Joint or joint.axis is not None or joint.place is not None:
+            slides[joint.number] = joint.start()[0]
     return slides
 
 

@@ -48,7 +48,7 @@ def _check(model: Model, data: Data) -> None:
     model.forms.check(data.forms)
     if data.masses is not known.masses:
         model.masses.check(data.masses)
-    data.arms.are_at(known.arms)
+    data.arms.check(known.arms)
     for old, new in ((known.loads, data.loads), (known.natural, data.natural)):
         if new is not old:
             old.check(new)

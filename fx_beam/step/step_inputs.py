@@ -85,7 +85,9 @@ def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -
         return np.broadcast_to(values, shape) if values.size else np.empty(shape)
 
     try:
-        arrays: dict[str, Any] = {"loads": rows(forcing.loads, model.data.loads.constant, t0, t1)}
+        arrays: dict[str, Any] = {}
+        if p.loads.count:
+            arrays["loads"] = rows(forcing.loads, model.data.loads.constant, t0, t1)
         if follow:
             arrays["follower_force"] = rows(follow.series, follow.constant, t0, t1)
         if parameters.vary:
