@@ -78,7 +78,8 @@ class JointsInC:
         # Rows that follow through joint m: in x as 2 m, in y as 2 m + 1.
         below, through = entries.arms
         equal = (entries.value_at == 0) & (entries.sign == 1)
-        entries = entries.take(np.argsort(~equal, kind="stable"))
+        if not equal.all():
+            entries = entries.take(np.argsort(~equal, kind="stable"))
         ends = [[rotation_of(node) for node in (joint.a, joint.b)] for joint in arm_joints]
         carrier, carried = np.array(ends, dtype=int).reshape(-1, 2).T
         return {

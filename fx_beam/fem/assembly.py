@@ -58,7 +58,7 @@ class Term:
         moving: Sequence[Field | None] = (),
     ):
         self.compiled, self.spaces = compiled, spaces
-        self._mesh, cells = mesh, np.arange(len(mesh.elements))
+        self._mesh = mesh
         self.fields: list[Field] = [data[name] for name in compiled.coefficients]
         #: Arrays of its constants by name.
         self.constants: dict[str, np.ndarray] = {name: data[name] for name in compiled.constants}
@@ -66,7 +66,10 @@ class Term:
         self.size = math.prod(space.width for space in spaces)
         self.width = sum(field.space.width for field in self.fields)
         #: Cells of each kernel, one of each subdomain; -1 means all cells.
-        self.cells = [cells if tag < 0 else cells[tags == tag] for tag in compiled.tags]
+        self.cells = [
+            mesh.numbers if tag < 0 or np.all(tags == tag) else mesh.numbers[tags == tag]
+            for tag in compiled.tags
+        ]
         #: Where the values of each field begin among its coefficients.
         self.field_starts = _starts(self.fields, [field.space.width for field in self.fields])
         #: Where those of each constant begin, by name.

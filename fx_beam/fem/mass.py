@@ -34,11 +34,6 @@ class MassPlaces:
     ):
         self._K, self._cells = K, len(mesh.elements)
         all_rows = np.arange(len(K.indptr) - 1, dtype=np.int32)
-        row = np.repeat(all_rows, np.diff(K.indptr))
-        # Entries of equal displacements of two nodes in the values of the stiffness, and rows.
-        same_direction = (row % 3 == K.indices % 3) & (row % 3 < 2)
-        self._translations = np.flatnonzero(same_direction).astype(np.int32)
-        self._translated = row[self._translations]
         #: Positions of the diagonal in the values of the stiffness.
         self.diagonal = positions_in(K.indptr, K.indices, all_rows, all_rows)
         nodes = np.array([row.node for row in scene.masses], int)
@@ -77,15 +72,22 @@ class MassPlaces:
 
     def weights(self, gravity: MaybeDual, entries: MaybeDual) -> MaybeDual:
         """Weight (size,) of an acceleration (2,), by entries of the mass."""
-        rows = self._translated
+        places, rows = self._translations()
         pull = dual_array(gravity)[rows % 3]
-        return np.bincount(rows, entries[self._translations] * pull, len(self.diagonal))
+        return np.bincount(rows, entries[places] * pull, len(self.diagonal))
 
     def entry_slopes(self, gravity: MaybeDual, weight_slopes: np.ndarray) -> np.ndarray:
         """Derivatives by entries from those by the weight."""
-        rows = self._translated
+        places, rows = self._translations()
         pulls = weight_slopes[rows] * gravity[rows % 3]
-        return np.bincount(self._translations, pulls, self._K.nnz)
+        return np.bincount(places, pulls, self._K.nnz)
+
+    def _translations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Entries of equal displacements of two nodes in the values of the stiffness, and rows."""
+        K = self._K
+        row = np.repeat(np.arange(len(self.diagonal), dtype=np.int32), np.diff(K.indptr))
+        places = np.flatnonzero((row % 3 == K.indices % 3) & (row % 3 < 2))
+        return places, row[places]
 
 
 class Mass:

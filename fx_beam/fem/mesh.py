@@ -32,7 +32,9 @@ class Mesh:
     def __post_init__(self):
         degree = self.elements.shape[1] - 1
         #: Degrees of freedom (n, 3) of x, y and rotation of each node.
-        self.dofs = np.arange(3 * len(self.X)).reshape(-1, 3)
+        self.dofs = np.arange(3 * len(self.X), dtype=np.int32).reshape(-1, 3)
+        #: Numbers of all cells.
+        self.numbers = np.arange(len(self.elements), dtype=np.int32)
         counts = np.array([len(cells) for cells in self.cells], dtype=int)
         #: Index of each cell's beam in the scene.
         self.beam_of_cell = np.repeat(np.arange(len(counts)), counts)
@@ -116,12 +118,14 @@ class Mesh:
     @property
     def positions(self) -> Space:
         """Space of the positions of nodes."""
-        return Space(_rows(2 * self.points[..., None] + np.arange(2)), self.X.size)
+        dofs = np.arange(self.X.size, dtype=np.int32).reshape(self.X.shape)
+        return Space(_rows(dofs[self.points]), self.X.size)
 
     def space(self, points: int, numbers: int = 1) -> Space:
         """Space of so many numbers at each of some points of a cell, such as Gauss points."""
         cells, width = len(self.elements), points * numbers
-        return Space(np.arange(cells * width).reshape(cells, width), cells * width)
+        dofs = np.arange(cells * width, dtype=np.int32)
+        return Space(dofs.reshape(cells, width), cells * width)
 
     def nodes_of(self, scene: Scene, target) -> np.ndarray:
         """Nodes of a beam, those inside its elements included, or the node itself."""
@@ -147,12 +151,12 @@ def build_mesh(scene: Scene) -> Mesh:
         raise SceneError("the scene has no beams. Add one with scene.add_beam, or add_body")
     degree = scene.beams[0].degree if scene.beams else 1
     pairs = [(a.number, b.number) for beam in scene.beams for a, b in pairwise(beam.nodes)]
-    ends = np.array(pairs, int).reshape(-1, 2)
-    inner = np.arange(len(ends) * (degree - 1)).reshape(len(ends), degree - 1) + len(scene.nodes)
+    ends = np.array(pairs, np.int32).reshape(-1, 2)
+    inner = len(scene.nodes) + np.arange(len(ends) * (degree - 1), dtype=np.int32)
     first = np.cumsum([0, *(beam.elements for beam in scene.beams)]).tolist()
     cells = [np.arange(a, b) for a, b in pairwise(first)]
     curved = degree > 1 and any(beam.inner is not None for beam in scene.beams)
-    elements = np.hstack([ends[:, :1], inner, ends[:, 1:]])
+    elements = np.hstack([ends[:, :1], inner.reshape(len(ends), degree - 1), ends[:, 1:]])
     columns = [node.x for node in scene.nodes], [node.y for node in scene.nodes]
     return Mesh(_positions(scene, *columns), elements, cells, curved)
 
