@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 
 from fx_beam.scene.beam import arc_lengths, gauss_rule, lagrange, lagrange_and_slopes
+from fx_beam.scene.law import Energy
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
@@ -126,7 +126,7 @@ def nodes_of_elements(solution) -> np.ndarray:
     return np.concatenate(beam_nodes[1:] or beam_nodes)
 
 
-def _stored(energy: Any, parameters: dict[str, float], eps, gamma, kappa, *a) -> float:
+def _stored(energy: Energy, parameters: dict[str, float], eps, gamma, kappa, *a) -> float:
     """Stored energy per length of strains and internal variables [J/m]."""
     numbers = [ufl.as_ufl(float(x)) for x in (eps, gamma, kappa, *a)]
     density = energy(*numbers[:3], *([ufl.as_vector(numbers[3:])] if a else []))

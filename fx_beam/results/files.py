@@ -7,7 +7,6 @@ import secrets
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,14 +16,14 @@ from fx_beam.errors import shown
 _FORMULAS = tuple("=+-@\t\r")
 
 
-def of_numpy(value: Any) -> Any:
+def of_numpy(value: object) -> object:
     """A number or an array of NumPy as JSON has it; ValueError for what JSON does not know."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise ValueError(f"{value!r:.80} is a {type(value).__name__}, which JSON cannot hold")
 
 
-def in_table(value: Any) -> Any:
+def in_table(value: object) -> object:
     """A value in a table that a spreadsheet may open, where no text is run as a formula."""
     if not isinstance(value, str) or not value.startswith(_FORMULAS):
         return value

@@ -100,7 +100,7 @@ class _Joined:
         contacts = self._every_contact, self._contacts.values(), second.contacts
         #: For each kind of column ("nodes", "joints", ...): columns in the joined motion of the
         #: first motion's columns, of the second motion's columns, and their number.
-        self._columns: dict[Any, tuple[np.ndarray, np.ndarray, int]] = {
+        self._columns: dict[object, tuple[np.ndarray, np.ndarray, int]] = {
             "nodes": (self._nodes, np.arange(len(second.X)), len(self.X)),
             "joints": _places(range(max(joints)), *map(range, joints)),
             "lines": _places(range(max(lines)), *map(range, lines)),
@@ -239,7 +239,7 @@ def _keys(contacts: Iterable[Contact]) -> list[tuple[int, int]]:
     return [(number, i) for number, part in columns for i in range(part.stop - part.start)]
 
 
-def _places(keys: Iterable, *motions: Iterable) -> tuple[Any, Any, int]:
+def _places(keys: Iterable, *motions: Iterable) -> tuple[np.ndarray, np.ndarray, int]:
     """Indices of the keys of two motions among all `keys`, and the number of all keys."""
     place = {key: i for i, key in enumerate(keys)}
     first, second = (np.array([place[key] for key in names], dtype=int) for names in motions)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -14,6 +14,7 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint, NodalMotion
+from fx_beam.scene.law import Energy
 from fx_beam.scene.outputs import line_vectors
 from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
@@ -25,7 +26,32 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class JointMotion:
+class _PartMotion:
+    """A part of a scene, the second field, over time."""
+
+    solution: Any
+
+    def __repr__(self):
+        part = getattr(self, fields(self)[1].name)
+        return f"<{part} over {len(self.solution.t)} rows>"
+
+    def _mean_force(self, force: np.ndarray) -> np.ndarray:
+        """Forces (steps,) in the middle of steps, from those (n,) at the level of the scheme."""
+        previous = np.concatenate([force[:2], force[1:-1]])[: len(force)]
+        return (force + (0.5 - self.solution.stats.level) * (force - previous))[1:]
+
+    def _mean_power(self, name: str, work: np.ndarray) -> np.ndarray:
+        """Power (n,) of the work (n - 1,) in each step; ValueError unless every step has a row."""
+        t = self.solution.t
+        if self.solution.stats.static:
+            raise ValueError(f"{name}: no time passes in a static solution")
+        if len(t) != self.solution.stats.steps + 1:
+            raise ValueError(f"{name} needs every step; simulate with record=Record(every=1)")
+        return np.append(0.0, work / np.diff(t))
+
+
+@dataclass(frozen=True, repr=False)
+class JointMotion(_PartMotion):
     """Coordinates, rates and forces of a joint over time; created by `Solution.joint`.
 
     Parameters
@@ -49,11 +75,7 @@ class JointMotion:
     (0.75, True)
     """
 
-    solution: Any
     joint: Joint
-
-    def __repr__(self):
-        return f"<{self.joint} over {len(self.solution.t)} rows>"
 
     @property
     def angle(self) -> np.ndarray:
@@ -108,10 +130,8 @@ class JointMotion:
         `Input`, whose rate jumps from step to step, to first order. The work in `Solution.energy`
         is exact. A row for every step is required.
         """
-        force, place = self.motor_force, self.slide if "slide" in self.joint.driven else self.angle
-        return _power(
-            self.solution, _mean_force(self.solution, force) * np.diff(place), "motor_power"
-        )
+        place = self.slide if "slide" in self.joint.driven else self.angle
+        return self._mean_power("motor_power", self._mean_force(self.motor_force) * np.diff(place))
 
     def internal(self, variable: str) -> np.ndarray:
         """An internal variable of the joint's springs over time.
@@ -149,24 +169,7 @@ class JointMotion:
             raise ValueError(f"{self.joint} has no {quantity}")
 
 
-def _mean_force(solution: Any, force: np.ndarray) -> np.ndarray:
-    """Forces (steps,) in the middle of steps, from those (n,) at the level of the scheme."""
-    previous = np.concatenate([force[:2], force[1:-1]])[: len(force)]
-    return (force + (0.5 - solution.stats.level) * (force - previous))[1:]
-
-
-def _power(solution: Any, work: np.ndarray, name: str) -> np.ndarray:
-    """Mean power (n,) over the steps of a motion by the work (n - 1,) of each; 0 in row 0."""
-    if solution.stats.static:
-        raise ValueError(f"{name}: no time passes in a static solution")
-    if len(solution.t) != solution.stats.steps + 1:
-        raise ValueError(f"{name} needs every step; simulate with record=Record(every=1)")
-    return np.append(0.0, work / np.diff(solution.t))
-
-
-def internal_variable(
-    solution, known: Mapping[str, np.ndarray], name: Any, owner: str
-) -> np.ndarray:
+def internal_variable(solution, known: Mapping[str, np.ndarray], name, owner: str) -> np.ndarray:
     """One of the internal variables of a beam or joint; ValueError if there is no such one."""
     solution.recorded("q")  # they are recorded with the motion
     if not is_one_of(name, known):
@@ -183,7 +186,7 @@ def motion_of(solution) -> NodalMotion:
 
 
 @dataclass(frozen=True, repr=False)
-class PullMotion:
+class PullMotion(_PartMotion):
     """Length, tension, energy and power of a force between points, rope or spring to the ground.
 
     Created by `Solution.joint`.
@@ -209,11 +212,7 @@ class PullMotion:
     (196.2, 3.10981)
     """
 
-    solution: Any
     line: ForceBetween
-
-    def __repr__(self):
-        return f"<{self.line} over {len(self.solution.t)} rows>"
 
     @property
     def force(self) -> np.ndarray:
@@ -264,7 +263,7 @@ class PullMotion:
         vectors, _ = line_vectors(self.line, self._read, "q")
         return self.line.rate(vectors, *line_vectors(self.line, self._read, "v"))
 
-    def _read(self, array: str, entries: Any) -> np.ndarray:
+    def _read(self, array: str, entries: int | np.ndarray) -> np.ndarray:
         """Entries (n, ...) of a history, or of the positions "X"."""
         solution = self.solution
         if array == "X":
@@ -280,11 +279,10 @@ class PullMotion:
         `EnergyMomentum`, else to second order. Of a bed it is that of all nodes, which is stored. A
         row for every step is required.
         """
-        if (length := self.length).ndim > 1:
-            work = np.diff(self.energy)
-        else:
-            work = _mean_force(self.solution, self.force) * np.diff(length)
-        return _power(self.solution, work, "power")
+        length = self.length
+        is_bed = length.ndim > 1
+        works = np.diff(self.energy) if is_bed else self._mean_force(self.force) * np.diff(length)
+        return self._mean_power("power", works)
 
     @property
     def energy(self) -> np.ndarray:
@@ -308,19 +306,16 @@ class PullMotion:
                 stored += getattr(stop, "stiffness", 0.0) / 2 * excess**2
         return stored @ getattr(line, "lengths", 1.0) if x.ndim > 1 else stored
 
-    def _of_law(self, law: Any, stretch: np.ndarray) -> np.ndarray:
+    def _of_law(self, law: Energy, stretch: np.ndarray) -> np.ndarray:
         """Stored energy (n,) by a law of a user, with the parameters of the rows."""
         names, rows = self.solution.names_of_parameters, self.solution.parameters
         pairs = zip(stretch.tolist(), rows.tolist(), strict=True)
-        energies = [
-            float(replaced(law(ufl.as_ufl(x)), dict(zip(names, row, strict=True)))(()))
-            for x, row in pairs
-        ]
-        return np.array(energies)
+        laws = ((law(ufl.as_ufl(x)), dict(zip(names, row, strict=True))) for x, row in pairs)
+        return np.array([float(replaced(energy, values)(())) for energy, values in laws])
 
 
 @dataclass(frozen=True, repr=False)
-class GearMotion:
+class GearMotion(_PartMotion):
     """Force of a gear or rack over time; created by `Solution.joint`.
 
     Parameters
@@ -346,11 +341,7 @@ class GearMotion:
     (-3.0, array([0. , 0. , 1.5]))
     """
 
-    solution: Any
     gear: Gear
-
-    def __repr__(self):
-        return f"<{self.gear} over {len(self.solution.t)} rows>"
 
     @property
     def force(self) -> np.ndarray:
@@ -370,7 +361,7 @@ class GearMotion:
 
 
 @dataclass(frozen=True, repr=False)
-class ContactMotion:
+class ContactMotion(_PartMotion):
     """Gaps, forces and slip of a contact over time; created by `Solution.contact`.
 
     Parameters
@@ -395,11 +386,7 @@ class ContactMotion:
     (7.0, True)
     """
 
-    solution: Any
     contact: Contact
-
-    def __repr__(self):
-        return f"<{self.contact} over {len(self.solution.t)} rows>"
 
     @property
     def nodes(self) -> np.ndarray:

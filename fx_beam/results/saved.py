@@ -104,7 +104,7 @@ def _check(name: str, array: np.ndarray, shape: tuple, sizes: dict[str, int]) ->
         raise ValueError(f"{name} is not finite")
 
 
-def _points(beam: dict[str, Any]) -> int:
+def _points(beam: dict) -> int:
     """Number of Gauss points of a beam."""
     degree, elements = beam["degree"], len(beam["s"]) - 1
     if degree not in (1, 2, 3) or elements < 1:
@@ -207,7 +207,7 @@ def _read(raw: BinaryIO) -> Solution:
     )
 
 
-def _balances(known: dict[str, Any], beams: list[Beam]) -> list[Balance | None]:
+def _balances(known: dict, beams: list[Beam]) -> list[Balance | None]:
     """Section forces of each beam, taken from what is known; None in files of the first version."""
     names = "section_forces", "section_places", "section_jumps"
     forces, places, jumps = (known.pop(name, None) for name in names)

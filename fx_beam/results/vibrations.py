@@ -179,19 +179,18 @@ class Modes:
         """
         for option, value in (("size", size), ("phase", phase)):
             require(is_number(value), f"shape: {option}", value, "a finite number")
-        known: dict[str, Any] = self.bodies if isinstance(beam, Body) else self.beams
+        known: Mapping[str, Beam | Body] = self.bodies if isinstance(beam, Body) else self.beams
         part = beam if isinstance(beam, Beam | Body) else None
-        name: Any = part.name if part else beam
+        name = part.name if part else beam
         member = known.get(name) if isinstance(name, str) else None
         if member is None or (part and part.nodes != member.nodes):
             kind = "body" if isinstance(beam, Body) else "beam"
             raise SceneError(
                 f"{shown(beam)} is not a {kind} of these modes; take one of their scene: {[*known]}"
             )
-        body_nodes = [node.number for node in member.nodes]
-        nodes = (
-            np.array(body_nodes) if isinstance(member, Body) else self.nodes_of_beam[member.name]
-        )
+        nodes = np.array([node.number for node in member.nodes])
+        if isinstance(member, Beam):  # also those inside elements
+            nodes = self.nodes_of_beam[member.name]
         if not is_whole(mode, -len(self), len(self) - 1):
             raise SceneError(f"mode {shown(mode)}: there are {len(self)} modes, numbered from 0")
         return displaced(self, mode, as_float(size), as_float(phase), nodes)
