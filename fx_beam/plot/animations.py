@@ -6,7 +6,6 @@ import importlib.util
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -163,13 +162,12 @@ class _Frames:
         draw_outlines(ax, drawing.obstacles.fixed)
         self._heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
         (self._past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
-        self._lines: Any = members.collection(2.5)
+        self._lines = members.collection(2.5)
         if is_coloured:
             plane.draw_bar(members.scale, **members.bar)
         else:
             shades = itertools.islice(itertools.cycle(_COLOURS), len(drawing.solution.beams))
-            colours: Any = members.per_piece(list(shades))
-            self._lines.set_color(colours)
+            self._lines.set_color(members.per_piece(list(shades)).tolist())
         self._moving = [self._heading, self._past, ax.add_collection(self._lines)]
         for artist in self._moving:
             artist.set_animated(True)  # left out of the static part of a frame

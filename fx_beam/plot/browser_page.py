@@ -8,7 +8,6 @@ import itertools
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -123,7 +122,7 @@ def interactive(
     return page
 
 
-def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, Any]:
+def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, object]:
     """All of a motion that the page draws, by the names in the page."""
     solution = drawing.solution
     factor, unit = time_unit(solution.t[-1])
@@ -171,7 +170,7 @@ def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, Any]:
     }
 
 
-def _members(drawing: Drawing) -> dict[str, Any]:
+def _members(drawing: Drawing) -> dict[str, object]:
     """Points of the axes of all beams in all rows, and values of their pieces."""
     solution = drawing.solution
     beams = solution.beams
@@ -210,7 +209,7 @@ def _known(solution: Solution) -> list[str]:
     return names + sorted({*itertools.chain(*solution.variables_of_beam.values())})
 
 
-def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, Any]:
+def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, object]:
     values = along_all(drawing.solution, name, drawing.rows, fractions)
     values = values.reshape(len(drawing.rows), -1)
     largest = float(abs(values).max()) or 1.0
@@ -226,7 +225,7 @@ def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, A
     }
 
 
-def _carried(drawing: Drawing) -> list[dict[str, Any]]:
+def _carried(drawing: Drawing) -> list[dict]:
     """Obstacles that nodes carry: points of the line, then ends of the strokes, in all rows."""
     entries = []
     for outlines in zip(*(drawing.obstacles.carried(k) for k in drawing.rows), strict=True):
@@ -241,7 +240,7 @@ def _points_of(drawing: Drawing, nodes: list[int]) -> str:
     return _points(drawing, drawing.positions(nodes, drawing.rows))
 
 
-def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict[str, Any]]:
+def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict]:
     solution = drawing.solution
     if series is None:
         unit = " [J]" if drawing.unit == "m" else ""

@@ -295,7 +295,7 @@ def feet(drawing: Drawing, force: GroundSpring) -> list[tuple[int, np.ndarray, n
 def checked_rows(
     solution: Solution,
     usual: int = 1,
-    rows: Any = None,
+    rows=None,
     times: Sequence[float] | None = None,
     count: int | None = None,
 ) -> list[int]:

@@ -121,14 +121,14 @@ class Members:
         # A thin edge of the same colour closes the gaps between the pieces.
         return PolyCollection([], edgecolor="face", linewidth=0.3, **look)
 
-    def move(self, collection: Any, k: int) -> None:
+    def move(self, collection: LineCollection | PolyCollection, k: int) -> None:
         """Move the drawn members to their positions in row k, and colour them by its values."""
         if self._values:
             collection.set_array(self._values[k])
         if self._depths is None:
             points = self._drawing.along_elements(k, self.pieces)
             pieces = np.stack([points[:, :-1], points[:, 1:]], axis=2)
-            collection.set_segments(list(pieces.reshape(-1, 2, 2)))
+            collection.set_verts(list(pieces.reshape(-1, 2, 2)))
             return
         left, right = self._sides(k)
         corners = [left[:, :-1], left[:, 1:], right[:, 1:], right[:, :-1]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,7 +53,7 @@ def interpolated(places: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.nd
 class Obstacles:
     """Outlines of fixed obstacles that are near, and of those that nodes carry, of a `Drawing`."""
 
-    def __init__(self, drawing: Any):
+    def __init__(self, drawing):
         self._drawing = drawing
         shapes = dict.fromkeys(contact.shape for contact in drawing.solution.contacts)
         #: Outlines of the fixed ones.

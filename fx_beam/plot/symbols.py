@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.collections import PolyCollection
@@ -84,7 +84,7 @@ class Supports:
                 size = marker_size(ax, drawing)
                 ax.plot(*drawing.positions(nodes, k).T, marker, markersize=size, **_WHITE)
 
-    def _guide(self, joint: Any) -> tuple[np.ndarray, Strokes]:
+    def _guide(self, joint) -> tuple[np.ndarray, Strokes]:
         """A guide along an axis, as long as the path on it, and its wall."""
         drawing, axis, size = self._drawing, joint.direction, self._drawing.size
         number = node_of(joint).number
@@ -177,7 +177,7 @@ def _across(leaving: np.ndarray) -> np.ndarray:
     return _SIDES[(_SIDES @ -mean).round(6).argmax()]
 
 
-def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
+def slide_direction(drawing: Drawing, joint, k: int) -> np.ndarray:
     """Unit vector (2,) of a slide in row k; on a beam the direction between two of its nodes."""
     if joint.axis is not None:
         return drawing.turned(joint.a, k, joint.direction)
@@ -414,7 +414,7 @@ def _origin(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
     return drawing.positions(joint.a.number, k) + drawing.turned(joint.a, k, joint.offset)
 
 
-def _along_slide(drawing: Drawing, joint: Any, part: str, end: np.ndarray, k: int) -> np.ndarray:
+def _along_slide(drawing: Drawing, joint, part: str, end: np.ndarray, k: int) -> np.ndarray:
     """A part of a slide: a zigzag, a dashpot, shoes of a brake beside it, or bars at its stops."""
     along, size = slide_direction(drawing, joint, k), drawing.size
     short, slides_on_beam = _SPRING_END * size, joint.axis is None

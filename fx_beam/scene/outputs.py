@@ -205,7 +205,7 @@ _ONE_EACH = "slides", "motor_forces", "line_forces", "line_energies"
 # What forces along lines have by their laws, by the names of arrays.
 _BY_LAW = {"line_forces": "pull", "line_energies": "energy"}
 #: Entries (..., e) of an array by its name.
-Read = Callable[[str, int | np.ndarray], np.ndarray]
+Read = Callable[..., np.ndarray]
 _STEP = 1e-100  # in the imaginary direction
 
 
