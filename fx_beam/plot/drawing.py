@@ -324,17 +324,9 @@ def checked_rows(
     return [range(last + 1)[k] for k in rows]  # -1 is the last one
 
 
-def checked_drawing(
-    solution: Solution,
-    magnify: float,
-    unit: str,
-    usual: int = 1,
-    rows: Sequence[int] | None = None,
-    times: Sequence[float] | None = None,
-    count: int | None = None,
-) -> Drawing:
-    """A drawing of the rows that `checked_rows` gives."""
-    rows = checked_rows(solution, usual, rows, times, count)
+def checked_drawing(solution: Solution, magnify: float, unit: str, *choice) -> Drawing:
+    """A drawing of the rows that `checked_rows` gives for a choice."""
+    rows = checked_rows(solution, *choice)
     return Drawing(solution, rows, positive(magnify, "magnify"), unit)
 
 

@@ -34,12 +34,6 @@ def read_only(values: np.ndarray) -> np.ndarray:
     return view
 
 
-def lock(histories: Any, **replaced: np.ndarray) -> None:
-    """Make the arrays of a frozen dataclass read-only, and set others."""
-    arrays = vars(histories) | replaced
-    vars(histories).update({name: read_only(values) for name, values in arrays.items()})
-
-
 @dataclass(frozen=True)
 class Energy:
     """Energies over time, each (n,) [J].
@@ -93,8 +87,8 @@ class Energy:
     impact: Any = None
 
     def __post_init__(self):
-        known = {name: np.zeros_like(self.kinetic) for name, x in vars(self).items() if x is None}
-        lock(self, **known)
+        for name, values in vars(self).items():
+            vars(self)[name] = read_only(np.zeros_like(self.kinetic) if values is None else values)
 
     def __repr__(self):
         total, error = self.total, abs(self.balance_error).max()

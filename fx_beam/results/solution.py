@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from fx_beam.errors import SceneError, is_one_of, shown
-from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.beam import Beam, Node, no_node
 from fx_beam.scene.body import Body
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
@@ -675,10 +675,7 @@ def history(solution: Solution, output: Output) -> np.ndarray:
 def _node_number(solution, node: Node) -> int:
     """Number of a node of a solution."""
     if not isinstance(node, Node):
-        raise SceneError(
-            f"{shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
-            "beam.node(fraction), or from a body: body.centre or body[name]"
-        )
+        raise no_node(node)
     X, scene = solution.X, scene_of(solution)
     other: Any = node.scene
     ok = node.number < len(X) and X[node.number].tolist() == [node.x, node.y]

@@ -157,7 +157,7 @@ class State(SteppedState):
 
     @property
     def at_nodes(self) -> dict[str, np.ndarray]:
-        """Its arrays at all nodes by name."""
+        """Arrays at all nodes by name."""
         return {name: array for name in AT_NODES if (array := getattr(self, name)) is not None}
 
     def reshaped(self, *shape: int) -> State:

@@ -73,6 +73,14 @@ class Node:
         return {**self.__dict__, "scene": None}
 
 
+def no_node(value: object) -> SceneError:
+    """The error of a value in the place of a node."""
+    return SceneError(
+        f"{shown(value)} is not a node; take one from a beam: beam.start, beam.end or "
+        "beam.node(fraction), or from a body: body.centre or body[name]"
+    )
+
+
 class Nodes(list[Node]):
     """Nodes in order; some are measured, in a box."""
 

@@ -77,7 +77,7 @@ class Shape:
 
     @property
     def name(self) -> str:
-        """Its kind."""
+        """Name of the class."""
         return type(self).__name__
 
     @property
@@ -92,7 +92,7 @@ class Shape:
 
     @property
     def origin(self) -> tuple[float, float]:
-        """Its place in the reference configuration [m]."""
+        """Place (x, y) in the reference configuration [m]."""
         return position_of(getattr(self, self._place))
 
     def at(self, place: Node | tuple[float, float]) -> Self:

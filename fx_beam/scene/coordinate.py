@@ -23,7 +23,7 @@ _RATES = [sign * 10.0**k for k in range(-6, 5) for sign in (1, -1)]
 
 
 class OneSided:
-    """What resists on one side alone, with a loss: a stop or a contact."""
+    """A stop or a contact: it resists on one side alone, with a loss."""
 
     restitution: float
     speed: float | None

@@ -120,7 +120,7 @@ class ForceBetween:
         return real_array([[y[0] - x[0], y[1] - x[1]] for x, y in itertools.pairwise(positions)])
 
     def straight(self, ways: np.ndarray) -> np.ndarray:
-        """Its straight parts.
+        """Straight parts of the line.
 
         Parameters
         ----------
@@ -216,21 +216,16 @@ def rope_spring(spring, length: TimeValue, number: int) -> tuple[Spring, tuple[s
 
 
 def checked_force(
-    points: Sequence,
-    coordinate: Coordinate,
-    force: Pull | TimeValue | None,
-    number: int,
-    size: float,
-    names: tuple[str, ...] = (),
-    make: Callable[..., ForceBetween] | None = None,
+    scene, points: Sequence, coordinate: Coordinate, force, names=(), make=ForceBetween
 ) -> ForceBetween:
-    """A force of a scene of a size [m]; SceneError if a law is not finite at the start."""
+    """A new force of a scene; SceneError if a law is not finite at the start."""
+    number, size = scene.force_count, scene.nodes.size
     if force is not None and not callable(force):
         from .symbols import Parameter
 
         name = f"force {number} between points"
         force, names = functools.partial(_given_pull, Parameter(name, force)), (*names, name)
-    new = (make or ForceBetween)(_points(points), coordinate, force, number, names)
+    new = make(_points(points), coordinate, force, number, names)
     if min(math.hypot(*way) for way in new.apart) <= 1e-12 * size:
         raise SceneError(f"{new}: the points are at the same place, so that no direction is known")
     distance = new.length_at_start

@@ -181,7 +181,7 @@ class Joint:
 
     @property
     def kinematics(self) -> JointKinematics:
-        """Its gap, angle and rates, from the motion of nodes."""
+        """Gap, angle and rates of the joint, from the motion of nodes."""
         return JointKinematics(self)
 
     @property

@@ -23,7 +23,7 @@ from fx_beam.errors import (
 )
 from fx_beam.symbolic import Expr, ufl
 
-from .beam import Beam, BeamPlace, Node
+from .beam import Beam, BeamPlace, Node, no_node
 from .functions import (
     ArrayCalls,
     Signal,
@@ -273,10 +273,7 @@ def label(target: Node | Beam | BeamPlace) -> str:
 def check_node(scene, node, name: str) -> None:
     """Refuse a value that is not a node of the scene."""
     if not isinstance(node, Node):
-        raise SceneError(
-            f"{name}: {shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
-            "beam.node(fraction), or from a body: body.centre or body[name]"
-        )
+        raise SceneError(f"{name}: {no_node(node)}")
     node_scene: Any = node.scene
     if node_scene is not scene:
         raise SceneError(f"{name}: {node} belongs to another scene; take a node of this one")

@@ -68,7 +68,7 @@ def facts(scene) -> dict[str, str]:
 
 
 def _listed(names: list[str]) -> str:
-    """Their number and the first of some names."""
+    """Number of some names, and the first four of them."""
     ending = ", ..." if len(names) > 4 else ""
     return f"{len(names)}: {', '.join(names[:4])}{ending}" if names else "0"
 

@@ -265,7 +265,7 @@ class Measured:
         return sum(factor * read(array, entries) for array, entries, factor in self.terms)
 
     def slopes(self, read: Read) -> Iterator[Term]:
-        """Its derivatives by all that it reads, in n states; of a rate by imaginary steps."""
+        """Derivatives by all that it reads, in n states; of a rate by imaginary steps."""
         if (joint := self.sliding) is None:
             yield from self.terms
             return

@@ -733,9 +733,7 @@ class Scene:
             loads.check_node(self, node, "force between points")
         # A stop may be a triple, from which a coordinate makes a `Stop`.
         laws = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        return self._with_force(
-            checked_force((a, b), laws, force, self.force_count, self.nodes.size)
-        )
+        return self._with_force(checked_force(self, (a, b), laws, force))
 
     def add_rope(
         self,
@@ -802,10 +800,10 @@ class Scene:
         >>> float(fb.static(scene).joint(rope).force[-1].round(1))
         98.2
         """
-        name, number = "rope: points", self.force_count
+        name = "rope: points"
         ok = isinstance(points, list | tuple) and len(points) > 1
         require(ok, name, points, "a sequence of two or more nodes and positions (x, y)")
-        make = None
+        make: Callable[..., ForceBetween] = ForceBetween
         if any(hasattr(point, "side") for point in points):
             from .pulleys import RopeOverPulleys, rope_parts
 
@@ -817,11 +815,9 @@ class Scene:
             loads.check_node(self, node, "rope")
         names: tuple[str, ...] = ()
         if length is not None:
-            spring, names = rope_spring(spring, length, number)
+            spring, names = rope_spring(spring, length, self.force_count)
         laws = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        return self._with_force(
-            checked_force(points, laws, force, number, self.nodes.size, names, make)
-        )
+        return self._with_force(checked_force(self, points, laws, force, names, make))
 
     def add_spring(
         self, node: Node, x=None, y=None, rotation=None, axis: Sequence[float] = (1.0, 0.0)

@@ -42,7 +42,7 @@ class SlidingJoint(Joint):
 
     @property
     def kinematics(self) -> SlidingKinematics:
-        """Its gap, angle and rates, from the motion of the beam and the node."""
+        """Gap, angle and rates of the joint, from the motion of the beam and the node."""
         return SlidingKinematics(self)
 
     @property

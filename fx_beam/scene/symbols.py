@@ -51,7 +51,7 @@ class Symbol(ufl.Constant):
         super().__init__(NOWHERE, shape=shape)
 
     def evaluate(self, x, mapping, component, index_values, derivatives=()):
-        """Its value in a mapping; TypeError without, where UFL would not end."""
+        """Value in a mapping; TypeError without, where UFL would not end."""
         if mapping and self in mapping:
             return mapping[self]
         raise TypeError("a UFL symbol is not a number")
