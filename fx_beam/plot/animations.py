@@ -157,8 +157,8 @@ class _Frames:
         look: Look = {"xycoords": "axes fraction", "textcoords": "offset points"}
         look |= {"fontsize": "small", "va": "bottom"}
         # Beside the time, or above it where there is no room.
-        above = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
-        ax.annotate(title(drawing), (1, 1), (0, above), ha="right", **look)
+        rise = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
+        ax.annotate(title(drawing), (1, 1), (0, rise), ha="right", **look)
         draw_outlines(ax, drawing.obstacles.fixed)
         self._heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
         (self._past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)

@@ -406,10 +406,11 @@ def _with_points(
     for point, place in zip(points, places, strict=True):
         marks[point.kind].append(place)
     # Between two points no equilibrium is known.
-    behind = [row != after and stable[row + 1] for row, after in itertools.pairwise([*rows, None])]
+    pairs = itertools.pairwise([*rows, None])
+    stable_after = [row != next_row and stable[row + 1] for row, next_row in pairs]
     order = np.argsort([*range(len(values)), *(row + 0.5 for row in rows)], kind="stable")
     x, y = np.array([*zip(values, factors, strict=True), *places])[order].T
-    return x, y, np.array([*stable, *behind])[order][:-1]
+    return x, y, np.array([*stable, *stable_after])[order][:-1]
 
 
 def _values(value: Callable[[Solution], np.ndarray], solution: Solution) -> np.ndarray:

@@ -270,9 +270,9 @@ def line_between(drawing: Drawing, force: ForceBetween, rows) -> np.ndarray:
         line = rope_line(np.stack(lines))
     # Magnified, a point may lie in a pulley: then the rope is straight.
     places = np.linspace(0, len(lines) - 1, line.shape[-2])
-    before = np.minimum(places.astype(int), len(lines) - 2)
-    share = (places - before)[:, None]
-    straight = (1 - share) * points[..., before, :] + share * points[..., before + 1, :]
+    first = np.minimum(places.astype(int), len(lines) - 2)
+    share = (places - first)[:, None]
+    straight = (1 - share) * points[..., first, :] + share * points[..., first + 1, :]
     return np.where(np.isnan(line).any(axis=(-2, -1), keepdims=True), straight, line)
 
 

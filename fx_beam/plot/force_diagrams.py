@@ -140,8 +140,8 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinne
     box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
     for peak in peaks:
         if abs(values[peak]) > 1e-9 * largest:
-            out = np.sign(values[peak]) * side[peak] / np.linalg.norm(side[peak])
-            beside = tips[peak] + _BESIDE_TIP / 2 * drawing.size * out
+            outwards = np.sign(values[peak]) * side[peak] / np.linalg.norm(side[peak])
+            label_place = tips[peak] + _BESIDE_TIP / 2 * drawing.size * outwards
             centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 7}
-            ax.annotate(three_digits(values[peak]), beside, bbox=box, **centred)
+            ax.annotate(three_digits(values[peak]), label_place, bbox=box, **centred)
     draw_surroundings(ax, drawing, row)

@@ -101,9 +101,9 @@ class Members:
             rows = np.maximum(rows, norm.vmin)
         self._values = dict(zip(drawing.rows, rows, strict=True))
         self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
-        beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
+        ends_beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
         self.bar: Look = {"label": words_for(quantity, drawing.unit)}
-        self.bar["extend"] = beyond.get((low, high), "neither")
+        self.bar["extend"] = ends_beyond.get((low, high), "neither")
         if scale == "linear":
             self.bar["format"] = "%.3g"
 

@@ -36,12 +36,12 @@ def turn(angle: float) -> np.ndarray:
 
 def outline(shape: Shape, positions: np.ndarray, size: float) -> Outline:
     """The outline of a fixed shape that reaches past some positions."""
-    line, away = shape.outline(positions, size, _BEYOND * size)
+    line, outwards = shape.outline(positions, size, _BEYOND * size)
     s = arc_of(line)
     places = np.arange(0.5 * _APART * size, s[-1], _APART * size)
-    starts, out = (interpolated(places, s, values) for values in (line, away))
-    aside = 0.8 * out[:, ::-1] * (1, -1)
-    ends = starts + _STROKE * size * (out + aside)
+    starts, directions = (interpolated(places, s, values) for values in (line, outwards))
+    aside = 0.8 * directions[:, ::-1] * (1, -1)
+    ends = starts + _STROKE * size * (directions + aside)
     return Outline(line, np.stack([starts, ends], axis=1))
 
 

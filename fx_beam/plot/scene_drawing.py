@@ -126,9 +126,9 @@ def _pressure(sheet: Sheet, scene: Scene, work: VirtualWork, si: bool) -> None:
     points = _axis(beam)
     s = arc_of(points)
     arc = np.linspace(start, end, _ARROWS + 1) * s[-1] / beam.length
-    along = interpolated(arc, s, np.gradient(points, s, axis=0))
+    tangents = interpolated(arc, s, np.gradient(points, s, axis=0))
     tips = interpolated(arc, s, points)
-    _arrows_along(sheet, tips, _shown(load) * left_of(along), load, si)
+    _arrows_along(sheet, tips, _shown(load) * left_of(tangents), load, si)
 
 
 def _arrows_along(sheet: Sheet, tips: np.ndarray, loads: np.ndarray, load: Load, si: bool) -> None:
@@ -164,10 +164,10 @@ def _natural_strains(sheet: Sheet, scene: Scene, si: bool) -> None:
         points = _axis(strain.beam)
         left = left_of(np.gradient(points, axis=0))
         left /= np.hypot(*left.T)[:, None]
-        beside = points + _BESIDE * sheet.size * left
-        sheet.line(beside, color=_STRAINED, linewidth=1.2, linestyle=(0, (4, 2)))
+        line = points + _BESIDE * sheet.size * left
+        sheet.line(line, color=_STRAINED, linewidth=1.2, linestyle=(0, (4, 2)))
         words = [_of_part(*part, si) for part in strain.parts.items()]
-        sheet.label(", ".join(words), beside[len(beside) // 2 :], _STRAINED)
+        sheet.label(", ".join(words), line[len(line) // 2 :], _STRAINED)
 
 
 def _of_part(name: str, value: Signal, si: bool) -> str:
@@ -202,8 +202,8 @@ def _driven(sheet: Sheet, position, text: str, direction: np.ndarray | None) -> 
         points = _turn(position, sheet.size, 1.0)
         ends = points[::4]
     else:
-        beside = position + 0.04 * sheet.size * left_of(direction)
-        points = beside + _MOTION * sheet.size * np.outer((-1, 0, 1), direction)
+        middle = position + 0.04 * sheet.size * left_of(direction)
+        points = middle + _MOTION * sheet.size * np.outer((-1, 0, 1), direction)
         ends = points[::-1]
     sheet.arrow(points, "<-|>", color=_DRIVEN, linewidth=1.4)
     sheet.label(text, ends, _DRIVEN)
@@ -373,9 +373,9 @@ def _dimensions(sheet: Sheet, scene: Scene, points: np.ndarray) -> None:
     for i in (0, 1):
         values = np.sort(np.concatenate([np.array(ends)[:, i], [low[i], high[i]]]))
         values = values[np.append(True, np.diff(values) > _SHORTEST * sheet.size)]
-        across = np.eye(2)[1 - i]
-        level = (low[1 - i] - _AWAY * sheet.size) * across
-        tick = 0.02 * sheet.size * across
+        normal = np.eye(2)[1 - i]
+        level = (low[1 - i] - _AWAY * sheet.size) * normal
+        tick = 0.02 * sheet.size * normal
         for a, b in zip(values[:-1], values[1:], strict=True):
             tail, tip = (level + value * np.eye(2)[i] for value in (a, b))
             sheet.arrow([tail, (tail + tip) / 2, tip], "<-|>", **_DIMENSION)

@@ -41,13 +41,13 @@ class Plane:
     def __init__(self, drawing: Drawing, bar: bool, size: tuple[float, float] | None = None):
         (low, high), whole = drawing.window, np.array(LARGEST if size is None else size)
         extent = high - low
-        for below in (False, True) if bar else (False,):
+        for is_below in (False, True) if bar else (False,):
             left, bottom, right, top = _BORDER
             left += room_for_ticks(low[1], high[1])
-            right, bottom = right + _BESIDE * (bar and not below), bottom + _BELOW * below
+            right, bottom = right + _BESIDE * (bar and not is_below), bottom + _BELOW * is_below
             room = whole - (left + right, bottom + top)
             inner = extent * min(room / extent)
-            if below or inner[1] > _LOW:
+            if is_below or inner[1] > _LOW:
                 break
         if size is not None or inner[0] < _NARROW:
             inner = np.array([_NARROW, inner[1]]) if size is None else room
@@ -63,7 +63,7 @@ class Plane:
         self.ax.yaxis.get_offset_text().set_horizontalalignment("right")
         self.ax.locator_params(axis="x", nbins=max(2, int(inner[0] / 0.7)))
         self.ax.locator_params(axis="y", nbins=max(2, int(inner[1] / 0.5)))
-        self._bar_below = bar and below
+        self._bar_below = bar and is_below
         start = (left, 0.5) if self._bar_below else (left + inner[0] + 0.12, bottom)
         sides = (inner[0], 0.14) if self._bar_below else (0.14, inner[1])
         self._bar_place = (*(np.array(start) / whole), *(np.array(sides) / whole))
@@ -260,10 +260,10 @@ class Sheet:
 
 def _candidates(anchors: np.ndarray, half: np.ndarray):
     """Possible centres (n, 2) of a label's box, their anchors, and the distances [pixels]."""
-    around = np.column_stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)])
+    directions = np.column_stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)])
     # From its centre to its edge.
-    edge_distance = np.min(half / np.maximum(abs(around), 1e-9), axis=1)
-    shifts = [(edge_distance + distance)[:, None] * around for distance in _DISTANCES]
+    edge_distance = np.min(half / np.maximum(abs(directions), 1e-9), axis=1)
+    shifts = [(edge_distance + distance)[:, None] * directions for distance in _DISTANCES]
     spots = anchors[None, :, None] + np.array(shifts)[:, None]
     distances = np.broadcast_to(np.array(_DISTANCES)[:, None, None], spots.shape[:3])
     positions = np.broadcast_to(anchors[None, :, None], spots.shape)

@@ -123,10 +123,10 @@ def node_of(joint: Joint) -> Node:
 
 def wall_strokes(away: np.ndarray, length: float = _WALL, foot: ArrayLike = (0.0, 0.0)) -> Strokes:
     """A line across a direction, with strokes on its far side."""
-    along = length * left_of(away)
-    starts = np.outer(np.arange(-0.4, 0.6, 0.2 * _WALL / length), along) + foot
+    line_way = length * left_of(away)
+    starts = np.outer(np.arange(-0.4, 0.6, 0.2 * _WALL / length), line_way) + foot
     ends = starts + _STROKE * (away - 0.8 * left_of(away))
-    line = foot + np.outer((-0.5, 0.5), along)
+    line = foot + np.outer((-0.5, 0.5), line_way)
     return Strokes([line], list(np.stack([starts, ends], axis=1)))
 
 
@@ -143,10 +143,10 @@ def _leaving(drawing: Drawing, numbers: set[int]) -> dict[int, list[np.ndarray]]
     bodies = drawing.solution.bodies.values()
     segments += [(body.centre, node) for body in bodies for node in body.points.values()]
     for first, last in segments:
-        along = X[last.number] - X[first.number]
+        way = X[last.number] - X[first.number]
         for node, side in ((first, 1.0), (last, -1.0)):
-            if node.number in numbers and along.any():
-                directions[node.number].append(side * along / np.hypot(*along))
+            if node.number in numbers and way.any():
+                directions[node.number].append(side * way / np.hypot(*way))
     return {number: parts or [np.array([0.0, 1.0])] for number, parts in directions.items()}
 
 
@@ -163,8 +163,8 @@ def _support(components: set[int], leaving: np.ndarray) -> Strokes:
     gap = 0.25 * _HEIGHT if moves else 0.0
     if 2 in components:
         return wall_strokes(away, foot=gap * away)._replace(marker="s")
-    foot, along = _HEIGHT * away, 0.6 * _HEIGHT * left_of(away)
-    triangle = np.array([(0.0, 0.0), foot + along, foot - along, (0.0, 0.0)])
+    foot, half_base = _HEIGHT * away, 0.6 * _HEIGHT * left_of(away)
+    triangle = np.array([(0.0, 0.0), foot + half_base, foot - half_base, (0.0, 0.0)])
     wall = wall_strokes(away, foot=foot + gap * away)
     return Strokes([triangle, *wall.thick], wall.thin, "o")
 
@@ -183,8 +183,8 @@ def slide_direction(drawing: Drawing, joint, k: int) -> np.ndarray:
         return drawing.turned(joint.a, k, joint.direction)
     positions = drawing.positions(drawing.solution.nodes_of_beam[joint.beam.name], k)
     nearest = int(np.argmin(np.hypot(*(positions - drawing.positions(joint.b.number, k)).T)))
-    along = np.gradient(positions, axis=0)[nearest]
-    return along / np.hypot(*along)
+    tangent = np.gradient(positions, axis=0)[nearest]
+    return tangent / np.hypot(*tangent)
 
 
 # Lines of symbols, and shoes of friction.
@@ -291,12 +291,12 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Colour, small: bool) -> No
     """Draw bodies of row k: arms from centre to points, and the area between."""
     arms, areas, centres = [], [], []
     for body in drawing.solution.bodies.values():
-        around = drawing.positions([node.number for node in body.nodes], k)
-        arms += [np.array([around[0], point]) for point in around[1:]]
-        if len(around) > 2:
-            about = around - around.mean(axis=0)
-            areas.append(around[np.argsort(np.arctan2(about[:, 1], about[:, 0]))])
-        centres.append(around[0])
+        corners = drawing.positions([node.number for node in body.nodes], k)
+        arms += [np.array([corners[0], point]) for point in corners[1:]]
+        if len(corners) > 2:
+            relative = corners - corners.mean(axis=0)
+            areas.append(corners[np.argsort(np.arctan2(relative[:, 1], relative[:, 0]))])
+        centres.append(corners[0])
     draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
     if areas:
         look: Look = {"facecolor": colour, "alpha": 0.03 if small else 0.15, "linewidth": 0}
@@ -402,9 +402,9 @@ def _along(points: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 def _guide(drawing: Drawing, joint: Joint, end: np.ndarray, k: int) -> np.ndarray:
     """A guide on a node, from its position there to the sliding node, and a little beyond."""
-    start, along = _origin(drawing, joint, k), slide_direction(drawing, joint, k)
-    slide, margin = (end - start) @ along, _BEYOND * drawing.size
-    return start + np.outer((min(slide, 0.0) - margin, max(slide, 0.0) + margin), along)
+    start, direction = _origin(drawing, joint, k), slide_direction(drawing, joint, k)
+    slide, margin = (end - start) @ direction, _BEYOND * drawing.size
+    return start + np.outer((min(slide, 0.0) - margin, max(slide, 0.0) + margin), direction)
 
 
 def _origin(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
@@ -416,15 +416,15 @@ def _origin(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
 
 def _along_slide(drawing: Drawing, joint, part: str, end: np.ndarray, k: int) -> np.ndarray:
     """A part of a slide: a zigzag, a dashpot, shoes of a brake beside it, or bars at its stops."""
-    along, size = slide_direction(drawing, joint, k), drawing.size
+    direction, size = slide_direction(drawing, joint, k), drawing.size
     short, slides_on_beam = _SPRING_END * size, joint.axis is None
-    start = end - short * along if slides_on_beam else _origin(drawing, joint, k)
+    start = end - short * direction if slides_on_beam else _origin(drawing, joint, k)
     if part == "stop":
         limits = () if slides_on_beam else (joint.slide.stop.lower, joint.slide.stop.upper)
-        bar = _SPRING_WIDTH * size * _along(_BAR, along)
-        return apart(start + limit * along + bar for limit in limits if limit is not None)
+        bar = _SPRING_WIDTH * size * _along(_BAR, direction)
+        return apart(start + limit * direction + bar for limit in limits if limit is not None)
     if part == "friction":
-        return end + _SPRING_WIDTH * size * _along(_SHOES, along)
+        return end + _SPRING_WIDTH * size * _along(_SHOES, direction)
     if is_grounded(joint) and not slides_on_beam:
         start = start - short * joint.direction
     return _straight(part, joint.slide, start, end, size)
@@ -432,14 +432,14 @@ def _along_slide(drawing: Drawing, joint, part: str, end: np.ndarray, k: int) ->
 
 def _straight(part: str, coordinate: Coordinate, a, b, size: float) -> np.ndarray:
     """A zigzag, a dashpot, beside a spring if there is one, or shoes of a brake in the middle."""
-    along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
+    direction = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
     if part == "friction":
-        return (a + b) / 2 + _SPRING_WIDTH * size * _along(_SHOES, along)
+        return (a + b) / 2 + _SPRING_WIDTH * size * _along(_SHOES, direction)
     # Fractions of the way from a to b, and widths of a spring beside it.
     points = _STRAIGHT[part].copy()
     if part == "damper" and coordinate.spring is not None:
         points[:, 1] += 3.0
-    return a + points[:, :1] * (b - a) + points[:, 1:] * _SPRING_WIDTH * size * left_of(along)
+    return a + points[:, :1] * (b - a) + points[:, 1:] * _SPRING_WIDTH * size * left_of(direction)
 
 
 # -- Names -----------------------------------------------------------------------------------------

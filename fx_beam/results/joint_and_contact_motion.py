@@ -252,8 +252,8 @@ class PullMotion(_PartMotion):
         moved = solution.recorded(name).reshape(len(solution.t), -1, 3)[:, nodes]
         if line.direction is None:
             return moved[:, 0, 2]
-        along = np.sum(moved[..., :2] * line.ways(solution.X[nodes]), axis=-1)
-        return along if isinstance(line.target, Beam) else along[:, 0]
+        distances = np.sum(moved[..., :2] * line.ways(solution.X[nodes]), axis=-1)
+        return distances if isinstance(line.target, Beam) else distances[:, 0]
 
     @property
     def rate(self) -> np.ndarray:

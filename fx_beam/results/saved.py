@@ -184,8 +184,8 @@ def _read(raw: BinaryIO) -> Solution:
             nodes_of_beam[name] = beam_nodes
     resultants = dict[str, BeamResultants]()
     known = {name: parts.read(part) for name, part in meta.items()}
-    if (along := known.pop("resultants", None)) is not None:
-        columns = along.s, along.N, along.Q, along.M
+    if (resultants_along := known.pop("resultants", None)) is not None:
+        columns = resultants_along.s, resultants_along.N, resultants_along.Q, resultants_along.M
         rows = zip(*(np.split(column, ends, axis=-1) for column in columns), strict=True)
         balances = _balances(known, list(parts.beams.values()))
         beams = zip(nodes_of_beam, rows, balances, strict=True)

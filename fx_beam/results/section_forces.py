@@ -80,16 +80,16 @@ class Balance:
         smooth = np.isin(element, owners, invert=True)
         if degree > 1 and smooth.any():
             nodes = np.array([0.0, 1.0, *gauss_rule(degree)[0]])
-            through = np.concatenate([self.ends, gauss_values], axis=2)[:, element[smooth]]
+            known_values = np.concatenate([self.ends, gauss_values], axis=2)[:, element[smooth]]
             weights = lagrange(nodes, x[smooth])
             # The same sums to the last digit in any number of rows.
-            terms = (w[:, None] * through[:, :, p] for p, w in enumerate(weights.T))
+            terms = (w[:, None] * known_values[:, :, p] for p, w in enumerate(weights.T))
             values[..., smooth] = np.moveaxis(sum(terms), -1, 0)
         for place, owner, jump in zip(self.places, owners, self.jumps.swapaxes(0, 1), strict=True):
-            (inside,) = np.nonzero(element == owner)
-            load_place, part = (place - self.s[owner]) / h[owner], x[inside]
+            (places,) = np.nonzero(element == owner)
+            load_place, part = (place - self.s[owner]) / h[owner], x[places]
             is_beyond = part > load_place - shift / h[owner]
-            values[..., inside] += jump.T[..., None] * (is_beyond - part)
+            values[..., places] += jump.T[..., None] * (is_beyond - part)
             hat = np.where(part < load_place, part * (1 - load_place), load_place * (1 - part))
-            values[2][:, inside] += h[owner] * jump[:, 1, None] * hat
+            values[2][:, places] += h[owner] * jump[:, 1, None] * hat
         return values

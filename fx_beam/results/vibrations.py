@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from html import escape
@@ -457,7 +457,7 @@ class StabilityChange(NamedTuple):
 
 
 @dataclass(repr=False, eq=False)
-class PeriodicFamily:
+class PeriodicFamily(Sequence[PeriodicMotion]):
     """Periodic motions of a family; `backbone` and `forced_response` return it.
 
     It is a sequence of `PeriodicMotion`.
@@ -497,11 +497,8 @@ class PeriodicFamily:
     def __len__(self):
         return len(self.motions)
 
-    def __getitem__(self, number: int) -> PeriodicMotion:
+    def __getitem__(self, number):
         return self.motions[number]
-
-    def __iter__(self) -> Iterator[PeriodicMotion]:
-        return iter(self.motions)
 
     def __repr__(self):
         low, high = self.frequencies.min(), self.frequencies.max()

@@ -224,12 +224,12 @@ class Beam:
             If no element ends there.
         """
         fractions = self.s / self.length if self.fractions is None else self.fractions
-        away = abs(fractions - as_float(fraction))
-        nearest = int(np.argmin(away))
-        if not away[nearest] < 1e-9:
-            above = int(np.searchsorted(fractions, as_float(fraction)))
-            near_fractions = fractions[max(above - 3, 0) : above + 3]
-            ends = np.array2string(near_fractions, precision=10, separator=", ", max_line_width=200)
+        distances = abs(fractions - as_float(fraction))
+        nearest = int(np.argmin(distances))
+        if not distances[nearest] < 1e-9:
+            next_end = int(np.searchsorted(fractions, as_float(fraction)))
+            nearby = fractions[max(next_end - 3, 0) : next_end + 3]
+            ends = np.array2string(nearby, precision=10, separator=", ", max_line_width=200)
             raise SceneError(
                 f"beam {self.name!r} has no node at the fraction {shown(fraction)} of its length; "
                 f"elements that are near end at {ends}. Use one of these, or change the number of "
@@ -355,8 +355,8 @@ def reference_positions(target: Node | Beam) -> np.ndarray:
 def lengths_to_ends(elements: np.ndarray) -> np.ndarray:
     """Arc length (n + 1,) at the ends of elements with nodes (n, degree + 1, 2) [m]."""
     points, weights = gauss_rule(6)
-    along = np.linspace(0.0, 1.0, elements.shape[1])
-    stretches = lagrange_and_slopes(along, points)[1] @ elements
+    places = np.linspace(0.0, 1.0, elements.shape[1])
+    stretches = lagrange_and_slopes(places, points)[1] @ elements
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.moveaxis(stretches, -1, 0)) @ weights)])
 
 
@@ -382,9 +382,9 @@ def lagrange_and_slopes(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarr
     values, slopes = np.ones((len(x), count)), np.zeros((len(x), count))
     for i in range(count):
         for j in (j for j in range(count) if j != i):
-            gap, away = nodes[:, i] - nodes[:, j], x - nodes[:, j]
-            slopes[:, i] = slopes[:, i] * away / gap + values[:, i] / gap
-            values[:, i] *= away / gap
+            gap, arm = nodes[:, i] - nodes[:, j], x - nodes[:, j]
+            slopes[:, i] = slopes[:, i] * arm / gap + values[:, i] / gap
+            values[:, i] *= arm / gap
     return values, slopes
 
 

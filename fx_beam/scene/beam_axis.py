@@ -56,8 +56,8 @@ class BeamAxis:
         #: Whether the elements i and i + 1 meet in a corner of a polyline, (elements - 1,).
         self.corners = np.zeros(elements - 1, dtype=bool)
         if beam.inner is None:
-            along = np.diff(self.X[::p], axis=0)
-            turns = np.angle(_complex(along[1:]) / _complex(along[:-1]))
+            chords = np.diff(self.X[::p], axis=0)
+            turns = np.angle(_complex(chords[1:]) / _complex(chords[:-1]))
             self.corners = np.abs(turns) > _STRAIGHT
         #: Coefficients (elements, 3 p + 1, 4) for the nodes of an element and of both neighbours.
         self.coefficients = _polynomials(p, self.h, self.corners)
@@ -77,8 +77,8 @@ class BeamAxis:
     def corner_near(self, s: float) -> np.ndarray | None:
         """Position (2,) of a corner within a hundredth of an element from an arc length [m]."""
         inner, h = self.s[1:-1], np.minimum(self.h[1:], self.h[:-1])
-        near_corners = np.flatnonzero(self.corners & (abs(inner - s) <= 0.01 * h))
-        return self.X[self.degree * (near_corners[0] + 1)] if near_corners.size else None
+        corners = np.flatnonzero(self.corners & (abs(inner - s) <= 0.01 * h))
+        return self.X[self.degree * (corners[0] + 1)] if corners.size else None
 
     @property
     def numbers(self) -> np.ndarray:
@@ -119,8 +119,8 @@ class BeamAxis:
     def nearest_over(self, positions: np.ndarray, points: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Arc lengths (n,) nearest to points (n, 2), from ones near by, for nodes (n, nodes, 2)."""
         for _ in range(3):  # the method of Gauss and Newton
-            apart, along = points - self.over(positions, s), self.over(positions, s, 1)
-            s = s + np.sum(apart * along, axis=1) / np.sum(along**2, axis=1)
+            arm, tangent = points - self.over(positions, s), self.over(positions, s, 1)
+            s = s + np.sum(arm * tangent, axis=1) / np.sum(tangent**2, axis=1)
         return s
 
 
@@ -159,8 +159,8 @@ def _nearest_on_cubic(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     x = np.roots(np.arange(6, 0, -1) * square[:0:-1])
     powers = np.clip(x.real[abs(x.imag) < 1e-3], 0, 1)[:, None] ** np.arange(4)
     # A step of Gauss and Newton takes away what round-off has left.
-    arm, along = powers @ coefficients, powers[:, :3] @ slopes
-    x = powers[:, 1] - np.sum(arm * along, axis=1) / np.sum(along**2, axis=1)
+    arm, tangent = powers @ coefficients, powers[:, :3] @ slopes
+    x = powers[:, 1] - np.sum(arm * tangent, axis=1) / np.sum(tangent**2, axis=1)
     x = np.concatenate([[0.0, 1.0], np.clip(x, 0, 1)])
     return x, np.hypot(*(x[:, None] ** np.arange(4) @ coefficients).T)
 

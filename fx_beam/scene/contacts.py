@@ -132,7 +132,7 @@ class Shape:
     def check_room(self, radius: float, name: str) -> None:
         """Refuse a shape in which what touches has no room."""
 
-    def outline(self, positions: np.ndarray, size: float, beyond: float) -> _Two:
+    def outline(self, positions: np.ndarray, size: float, margin: float) -> _Two:
         """Points (n, 2) of a fixed shape near positions, and directions away from the free side.
 
         It is whole up to a size, else it reaches a length beyond the positions.
@@ -184,13 +184,13 @@ class Line(Shape):
         normals = np.stack([c * x - s * y, s * x + c * y], axis=-1)
         return (arms * normals).sum(axis=-1), np.broadcast_to(normals, arms.shape)
 
-    def outline(self, positions: np.ndarray, size: float, beyond: float) -> _Two:
+    def outline(self, positions: np.ndarray, size: float, margin: float) -> _Two:
         """The two ends of the part past the positions."""
         x, y = self.normal
-        along = np.array([-y, x])
-        s = (positions - self.origin) @ along
-        reach = np.array([s.min() - beyond, s.max() + beyond])
-        return self.origin + reach[:, None] * along, np.tile((-x, -y), (2, 1))
+        tangent = np.array([-y, x])
+        s = (positions - self.origin) @ tangent
+        reach = np.array([s.min() - margin, s.max() + margin])
+        return self.origin + reach[:, None] * tangent, np.tile((-x, -y), (2, 1))
 
 
 @dataclass(frozen=True)
@@ -247,17 +247,17 @@ class Circle(Shape):
         if self.inside and self.radius <= radius:
             raise SceneError(f"{name}: its radius {self.radius:g} must be above the inner one's")
 
-    def outline(self, positions: np.ndarray, size: float, beyond: float) -> _Two:
+    def outline(self, positions: np.ndarray, size: float, margin: float) -> _Two:
         """Points of the circle or of its near part."""
         middle, half = 0.0, np.pi
         if self.radius > size:
             arms = positions - self.origin
             middle = np.arctan2(*arms.mean(axis=0)[::-1])
-            apart = np.angle(np.exp(1j * (np.arctan2(*arms.T[::-1]) - middle)))
-            half = min(np.pi, abs(apart).max() + beyond / self.radius)
+            angles = np.angle(np.exp(1j * (np.arctan2(*arms.T[::-1]) - middle)))
+            half = min(np.pi, abs(angles).max() + margin / self.radius)
         angle = middle + np.linspace(-half, half, 181)
-        out = np.column_stack([np.cos(angle), np.sin(angle)])
-        return self.origin + self.radius * out, -self.side * out
+        directions = np.column_stack([np.cos(angle), np.sin(angle)])
+        return self.origin + self.radius * directions, -self.side * directions
 
 
 @dataclass(frozen=True, eq=False)
@@ -517,8 +517,8 @@ def _on_pieces(points: np.ndarray, nodes: np.ndarray, node: np.ndarray, closed: 
     """
     count = nodes.shape[-2]
     begins, ends = ((node == end) & (not closed) for end in (0, count - 1))
-    around = ((node + k) % count for k in _ABOUT)
-    last_nodes, middle, next_nodes = (np.take_along_axis(nodes, k[..., None], -2) for k in around)
+    sides = ((node + k) % count for k in _ABOUT)
+    last_nodes, middle, next_nodes = (np.take_along_axis(nodes, k[..., None], -2) for k in sides)
     last_nodes = np.where(begins[..., None], 2 * middle - next_nodes, last_nodes)
     next_nodes = np.where(ends[..., None], 2 * middle - last_nodes, next_nodes)
     bend, slope = (last_nodes - 2 * middle + next_nodes) / 2, (next_nodes - last_nodes) / 2

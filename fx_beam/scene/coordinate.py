@@ -515,15 +515,10 @@ def _check_law(law: Callable[[Expr], Expr]) -> None:
 
 def functions_of(coordinate: Coordinate) -> Iterator[tuple[str, Expr]]:
     """Expressions of the user's functions on a coordinate, by kind."""
-    if coordinate.spring is not None:
-        yield from functions_of_energy(
-            coordinate.spring.strain_energy, coordinate.spring.internal, 1
-        )
-    for law in (
-        coordinate.damper and coordinate.damper.law,
-        getattr(coordinate.friction, "force", None),
-    ):
-        if callable(law):
-            from .symbols import SCALARS
+    if (spring := coordinate.spring) is not None:
+        yield from functions_of_energy(spring.strain_energy, spring.internal, 1)
+    laws = getattr(coordinate.damper, "law", None), getattr(coordinate.friction, "force", None)
+    for law in filter(callable, laws):
+        from .symbols import SCALARS
 
-            yield "law", ufl.as_ufl(law(SCALARS[0]))
+        yield "law", ufl.as_ufl(law(SCALARS[0]))

@@ -141,9 +141,9 @@ def arc(start, through, end) -> Curve:
             "arc: only its ends can be nodes of other beams. Make two arcs that meet at this node"
         )
     a, b, c = (vector(position_of(point), 2, "arc") for point in (start, through, end))
-    b_arm, c_arm, across = b - a, c - a, c - b
+    b_arm, c_arm, chord = b - a, c - a, c - b
     area = b_arm[0] * c_arm[1] - b_arm[1] * c_arm[0]
-    longest = max(b_arm @ b_arm, c_arm @ c_arm, across @ across)
+    longest = max(b_arm @ b_arm, c_arm @ c_arm, chord @ chord)
     if not abs(area) > 1e-9 * longest:
         raise SceneError(
             f"arc: the points {a}, {b} and {c} lie on a line or coincide. For a straight beam give "
@@ -152,7 +152,7 @@ def arc(start, through, end) -> Curve:
     rise = (b_arm @ b_arm) * c_arm - (c_arm @ c_arm) * b_arm
     centre_arm = np.array([rise[1], -rise[0]]) / (2 * area)
     # The central angle is twice the inscribed angle.
-    sweep = math.copysign(2 * math.atan2(abs(area), b_arm @ across), area)
+    sweep = math.copysign(2 * math.atan2(abs(area), b_arm @ chord), area)
 
     return Curve(functools.partial(_on_arc, a, centre_arm, sweep), _node(start), _node(end))
 
@@ -298,8 +298,8 @@ def _measure(position, breaks, name: str) -> tuple[float, Callable[[float], floa
             return piece.start
         if left >= piece.length - 1e-13 * length:
             return piece.end
-        along = piece.length_to
-        return brentq(lambda x: along(x) - left, piece.start, piece.end, xtol=1e-15, rtol=1e-15)
+        length_to = piece.length_to
+        return brentq(lambda x: length_to(x) - left, piece.start, piece.end, xtol=1e-15, rtol=1e-15)
 
     return length, fraction_at
 

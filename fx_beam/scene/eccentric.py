@@ -47,8 +47,8 @@ def shifted(line: Layout, offset: float, name: str) -> Layout:
 
 def _left_of(points: list) -> list:
     """Unit vectors (n, 2) to the left of n elements at each of their nodes."""
-    along, normals = np.linspace(0.0, 1.0, len(points)), []
-    for slopes in lagrange_and_slopes(along, along)[1]:
+    places, normals = np.linspace(0.0, 1.0, len(points)), []
+    for slopes in lagrange_and_slopes(places, places)[1]:
         x, y = sum(slope * point for slope, point in zip(slopes, points, strict=True)).T
         normals.append(np.stack([-y, x], axis=1) / np.hypot(x, y)[:, None])
     return normals

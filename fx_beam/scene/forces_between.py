@@ -169,8 +169,8 @@ class ForceBetween:
         (rows,) float
             The rate.
         """
-        along = (vectors * rates).sum(axis=1)
-        return (along / np.hypot(vectors[:, 0], vectors[:, 1])).sum(axis=0)
+        stretchings = (vectors * rates).sum(axis=1)
+        return (stretchings / np.hypot(vectors[:, 0], vectors[:, 1])).sum(axis=0)
 
     @property
     def length_at_start(self) -> float:

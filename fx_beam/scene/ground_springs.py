@@ -79,11 +79,11 @@ class GroundSpring(ForceBetween):
         assert self.direction is not None
         if isinstance(self.target, Node):
             return self.direction[None]
-        around = np.concatenate([positions[:1], positions, positions[-1:]])
-        chords = around[2:] - around[:-2]
+        padded = np.concatenate([positions[:1], positions, positions[-1:]])
+        chords = padded[2:] - padded[:-2]
         x, y = chords.T / np.hypot(*chords.T)
-        along, left = self.direction
-        return np.stack([along * x - left * y, along * y + left * x], axis=1)
+        forwards, left = self.direction
+        return np.stack([forwards * x - left * y, forwards * y + left * x], axis=1)
 
     @property
     def lengths(self) -> np.ndarray:

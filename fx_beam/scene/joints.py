@@ -268,8 +268,8 @@ class JointKinematics:
         (x, y), axis = self.joint.offset, self.joint.axis
         if axis is None:
             return np.array([x, y])
-        along = self.joint.track.place(axis, slide)
-        return np.array([x + along[0], y + along[1]])
+        place = self.joint.track.place(axis, slide)
+        return np.array([x + place[0], y + place[1]])
 
     def tangent(self, slide: Numbers) -> np.ndarray:
         """Unit vectors (2, ...) of the slide in the frame of a; zero without a slide."""
@@ -317,13 +317,13 @@ class JointKinematics:
         arm_x, arm_y = self._turned(motion, self.place_on_a(slide))
         velocity = np.array([x + spin * arm_y, y - spin * arm_x])
         # The ground's does not turn.
-        along = np.reshape(self._turned(motion, self.tangent(slide)), (2, -1))
-        return velocity, np.broadcast_to(along, velocity.shape)
+        directions = np.reshape(self._turned(motion, self.tangent(slide)), (2, -1))
+        return velocity, np.broadcast_to(directions, velocity.shape)
 
-    def slide(self, motion: NodalMotion, near: np.ndarray) -> np.ndarray:
+    def slide(self, motion: NodalMotion, guess: np.ndarray) -> np.ndarray:
         """The slide (n,) [m] in a motion, from one near by; that one for a joint without."""
         if self.joint.axis is None:
-            return near
+            return guess
         (X, Y), (x, y, _) = self.joint.apart, self._difference(motion, "q")
         return self.slide_at(*self._turned(motion, (X + x, Y + y), back=True))
 
@@ -350,12 +350,12 @@ def axial_rate(track, offset, axis, slide, psi, spin, x, y):
 
     It is analytic in all numbers.
     """
-    place, along = track.place(axis, slide), track.tangent(axis, slide)
+    place, tangent = track.place(axis, slide), track.tangent(axis, slide)
     c, s = np.cos(psi), np.sin(psi)
     # The velocity of b relative to its position on a, in the frame of a.
     seen_x = c * x + s * y + spin * (offset[1] + place[1])
     seen_y = c * y - s * x - spin * (offset[0] + place[0])
-    return seen_x * along[0] + seen_y * along[1]
+    return seen_x * tangent[0] + seen_y * tangent[1]
 
 
 def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint:

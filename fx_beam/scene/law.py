@@ -489,6 +489,6 @@ def _update(energy, variables, old, strains, dt) -> tuple[list[float], float, fl
     e = tuple(map(ufl.as_ufl, strains))
     updated = variables.updated(ufl.as_vector([*map(ufl.as_ufl, old)]), e, e, ufl.as_ufl(dt))
     new = [float(updated[i](())) for i in range(len(old))]
-    against = slope(lambda a: energy(*e, a), ufl.as_vector([*map(ufl.as_ufl, new)]))
-    terms = [-float(against[i](())) * (new[i] - old[i]) for i in range(len(old))]
+    slopes = slope(lambda a: energy(*e, a), ufl.as_vector([*map(ufl.as_ufl, new)]))
+    terms = [-float(slopes[i](())) * (new[i] - old[i]) for i in range(len(old))]
     return new, sum(terms), sum(map(abs, terms))

@@ -145,11 +145,11 @@ def _between_ends(load, part: tuple[float, float], name: str) -> Signal:
     first, last = (vector(value, 2, f"{name}: an end") for value in load)
     start, length = part[0], part[1] - part[0]
 
-    def along(s):
+    def load_at(s):
         x = (s - start) / length
         return tuple(a + (b - a) * x for a, b in zip(first, last, strict=True))
 
-    return function_of_place(along, 2, name, "s")
+    return function_of_place(load_at, 2, name, "s")
 
 
 def changed(load: Load, value) -> Load:

@@ -116,8 +116,8 @@ class RopeOverPulleys(ForceBetween):
         _, leans = self.spans(ways)
         turns = list(leans[:1] * 0.0 - leans[:1])
         for i, (way, next_way) in enumerate(itertools.pairwise(ways), start=1):
-            across = way[0] * next_way[1] - way[1] * next_way[0]
-            turn = np.arctan2(across, way[0] * next_way[0] + way[1] * next_way[1])
+            cross = way[0] * next_way[1] - way[1] * next_way[0]
+            turn = np.arctan2(cross, way[0] * next_way[0] + way[1] * next_way[1])
             turns.append(turn + self._full_turns(i, turn + leans[i] - leans[i - 1]))
         return real_array([*turns, leans[-1]])
 
@@ -174,15 +174,15 @@ class RopeOverPulleys(ForceBetween):
         _, leans = self.spans(vectors)
         far, c, s = np.hypot(vectors[:, 0], vectors[:, 1]), np.cos(leans), np.sin(leans)
         x, y = vectors[:, 0] / far, vectors[:, 1] / far
-        along = (c * x - s * y) * rates[:, 0] + (s * x + c * y) * rates[:, 1]
-        return along.sum(axis=0) - self.radii[0] * spins[0] + self.radii[-1] * spins[1]
+        stretchings = (c * x - s * y) * rates[:, 0] + (s * x + c * y) * rates[:, 1]
+        return stretchings.sum(axis=0) - self.radii[0] * spins[0] + self.radii[-1] * spins[1]
 
     def outline(self, centres: np.ndarray) -> np.ndarray:
         """Points (..., m, 2) along the rope for centres (n, ..., 2)."""
         ways = np.moveaxis(np.diff(centres, axis=0), -1, 1)
         _, leans = self.spans(ways)
         angles = np.arctan2(ways[:, 1], ways[:, 0]) + leans
-        out = []
+        points = []
         for i, radius in enumerate(self.radii.tolist()):
             first_angle, last_angle = angles[max(i - 1, 0)], angles[min(i, len(angles) - 1)]
             arc = np.copysign((last_angle - first_angle) * np.sign(radius) % (2 * np.pi), radius)
@@ -190,8 +190,9 @@ class RopeOverPulleys(ForceBetween):
                 arc = 2 * np.pi  # a drum is a circle
             for share in np.linspace(0, 1, _DRAWN if radius else 1):
                 angle = first_angle + share * arc
-                out.append(centres[i] + radius * np.stack([np.sin(angle), -np.cos(angle)], axis=-1))
-        return np.stack(out, axis=-2)
+                arm = radius * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
+                points.append(centres[i] + arm)
+        return np.stack(points, axis=-2)
 
 
 def rope_parts(points: Sequence[Point | Pulley]) -> tuple[list[Point], str, np.ndarray]:

@@ -319,8 +319,8 @@ class Scene:
         numbers, ends = mesh.nodes.tolist(), mesh.starts.tolist()
         for first, end, part in zip(ends[:-1], ends[1:], sections, strict=True):
             name = self.beams.new_name(None)
-            along = tuple(nodes[i] for i in numbers[first:end])
-            beams.append(self.beams.add(Beam(name, along, degree, mesh.s[first:end], part)))
+            beam_nodes = tuple(nodes[i] for i in numbers[first:end])
+            beams.append(self.beams.add(Beam(name, beam_nodes, degree, mesh.s[first:end], part)))
         pin = None  # the others are copies of the first one, quickly
         for pair in mesh.pins.tolist():
             a, b = (nodes[i] for i in pair)
@@ -865,11 +865,11 @@ class Scene:
         from .ground_springs import GroundSprings, ground_spring
 
         loads.check_node(self, node, "spring")
-        along = vector(axis, 2, "spring: axis")
-        size = np.hypot(*along)
+        forwards = vector(axis, 2, "spring: axis")
+        size = np.hypot(*forwards)
         require(size > 0, "spring: axis", axis, "a direction")
-        left = np.array([-along[1], along[0]]) + 0.0  # no -0
-        directions = ("x", x, along / size), ("y", y, left / size), ("rotation", rotation, None)
+        left = np.array([-forwards[1], forwards[0]]) + 0.0  # no -0
+        directions = ("x", x, forwards / size), ("y", y, left / size), ("rotation", rotation, None)
         springs = {
             name: ground_spring(node, laws, way, f"spring: {name}")
             for name, laws, way in directions

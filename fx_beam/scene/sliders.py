@@ -70,8 +70,8 @@ class SlidingJoint(Joint):
     @property
     def direction(self) -> np.ndarray:
         """Unit tangent of the beam at the node, in the reference configuration (2,)."""
-        along = self.path.position(self.start()[0], 1)
-        return along / np.hypot(*along)
+        tangent = self.path.position(self.start()[0], 1)
+        return tangent / np.hypot(*tangent)
 
     def turn(self, psi: np.ndarray, s: np.ndarray | float) -> np.ndarray:
         """Rotation (n,) of a sleeve at arc lengths s (n,), for rotations psi (n, nodes) [rad]."""
@@ -144,19 +144,19 @@ class SlidingKinematics(JointKinematics):
 
     def rate(self, motion: NodalMotion, slide: np.ndarray) -> np.ndarray:
         """Rate (n,) of the arc length [m/s], from the velocities of node and beam."""
-        apart, along = self._seen(motion, slide)
-        return np.sum(apart * along, axis=1) / np.sum(along**2, axis=1)
+        velocity, tangent = self._seen(motion, slide)
+        return np.sum(velocity * tangent, axis=1) / np.sum(tangent**2, axis=1)
 
     def parting_rate(self, motion: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocity (2, n) of the node as the beam sees it, and the direction (2, n) of the beam."""
-        apart, along = self._seen(motion, slide)
-        return apart.T, along.T / np.hypot(*along.T)
+        velocity, tangent = self._seen(motion, slide)
+        return velocity.T, tangent.T / np.hypot(*tangent.T)
 
-    def slide(self, motion: NodalMotion, near: np.ndarray) -> np.ndarray:
+    def slide(self, motion: NodalMotion, guess: np.ndarray) -> np.ndarray:
         """Arc length (n,) nearest to the node [m], from one near by."""
         x, y, _ = motion.node("q", self.joint.b)
         node = np.column_stack([self.joint.b.x + x, self.joint.b.y + y])
-        return self.joint.path.nearest_over(self._positions(motion), node, near)
+        return self.joint.path.nearest_over(self._positions(motion), node, guess)
 
     def _positions(self, motion: NodalMotion) -> np.ndarray:
         return motion.beam("q", self.joint.beam)[..., :2] + self.joint.path.X
@@ -165,8 +165,8 @@ class SlidingKinematics(JointKinematics):
         """Velocity (n, 2) of the node relative to the beam at its place, and slope phi' there."""
         path = self.joint.path
         velocities = path.over(motion.beam("v", self.joint.beam)[..., :2], slide)
-        apart = np.column_stack([*motion.node("v", self.joint.b)[:2]]) - velocities
-        return apart, path.over(self._positions(motion), slide, 1)
+        velocity = np.column_stack([*motion.node("v", self.joint.b)[:2]]) - velocities
+        return velocity, path.over(self._positions(motion), slide, 1)
 
 
 def corner_advice(joints: Iterable[Joint], slides: np.ndarray) -> str:
