@@ -300,8 +300,8 @@ def _system(columns: _Columns, auxiliaries: int, closures: int) -> tuple[np.ndar
     unknowns[:free] = np.arange(free)
     unknowns[columns.count :] = free + 2 * np.arange(auxiliaries)
     carried = sum(map(len, columns.carried.values()))
-    behind = free + 2 * auxiliaries + closures
-    unknowns[columns.count - carried : columns.count] = behind + np.arange(carried)
+    first_carried = free + 2 * auxiliaries + closures
+    unknowns[columns.count - carried : columns.count] = first_carried + np.arange(carried)
     rows = unknowns.copy()
     rows[columns.count :] += 1
     return rows, unknowns

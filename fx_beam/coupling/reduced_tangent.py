@@ -107,7 +107,7 @@ def reduced_tangent(
     factors = joined(*(part.factors for part in added))
     counts = len(source), len(geometric), len(restoring), len(factors["sign"])
     position, *small_parts = np.split(position, np.cumsum(counts))
-    geometric_to, restoring_to, add_to, one_to = map(np.copy, small_parts)  # the large one goes
+    geometric_to, restoring_to, add_to, ones = map(np.copy, small_parts)  # the large one goes
     constant, sign = entries.value_at == 0, entries.sign
     direct = constant[i] & constant[j] & (sign[i] * sign[j] == 1) & (source < matrix.nnz)
     other_products = np.flatnonzero(~direct)
@@ -127,7 +127,7 @@ def reduced_tangent(
         geometric={"to": geometric_to, **joint_and_kind, "sign": table[:, 2]},
         restoring={"to": restoring_to, "of": sprung},
         stiffened=np.count_nonzero(~direct[:full_count]),
-        ones=one_to,
+        ones=ones,
     )
 
 

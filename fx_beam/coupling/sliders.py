@@ -174,17 +174,17 @@ class Sliders:
         """Set the entries of the tangent before the elimination; returns their positions."""
         #: Forces that close loops and border the other unknowns as well.
         self.forces = forces
-        self._given, position = np.unique(
+        self._keys, position = np.unique(
             rows.astype(int) * self._size + columns, return_inverse=True
         )
         #: Number of entries before the elimination.
-        self.entries_before = len(self._given)
+        self.entries_before = len(self._keys)
         #: The tangent of the compiled loop, in which what slides borders the other unknowns.
         self.bordered = self._bordered()
         return position
 
     def _bordered(self) -> Bordered:
-        n, rows, columns = self._unknowns, *np.divmod(self._given, self._size)
+        n, rows, columns = self._unknowns, *np.divmod(self._keys, self._size)
         slides = np.append(self.outside[self.outside < self._couplings.free], self.forces)
         borders = np.zeros(self._size, dtype=bool)
         borders[n:] = borders[slides] = True
@@ -208,7 +208,7 @@ class Sliders:
         """
         column, (row_of, unknown_of) = self._couplings.column[slide.dofs], self._couplings.system
         index = np.where(column >= 0, unknown_of[column], -1)
-        position = np.searchsorted(self._given, row_of[column].astype(int) * self._size + index)
+        position = np.searchsorted(self._keys, row_of[column].astype(int) * self._size + index)
         alone = (index >= 0) & (column < self._couplings.free)
         return np.where(alone, column, -1), np.where(index >= 0, position, -1)
 

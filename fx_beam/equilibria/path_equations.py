@@ -114,11 +114,11 @@ class PathEquations:
 
     def _differences(self, y: np.ndarray, load: float, apart: float) -> list[np.ndarray]:
         """Derivatives by l of forces (size,) and of the residual, from values at l +- apart."""
-        numbers, ends = self.model.points.given.copy(), []
+        numbers, ends = self.model.points.inputs.copy(), []
         for side in (apart, -apart):
             balance = self._evaluate(y.copy(), load + side)
             ends.append((balance.r.copy(), balance.residual.copy()))
-        self.model.points.given[:] = numbers  # laws remember iterations, not what is beside them
+        self.model.points.inputs[:] = numbers  # laws remember iterations, not what is beside them
         return [(ahead - back) / (2 * apart) for ahead, back in zip(*ends, strict=True)]
 
     def disturbance(self, apart: float) -> np.ndarray:

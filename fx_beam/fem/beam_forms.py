@@ -116,12 +116,12 @@ class BeamForms:
 
     def _placed(self, module: FormModule) -> dict[str, Term]:
         """Forms on the mesh; each of several expressions at Gauss points is on one subdomain."""
-        spaces, known = self.data.spaces, module.facts.get("spaces", {})
+        spaces, space_names = self.data.spaces, module.facts.get("spaces", {})
         terms = dict[str, Term]()
         for i, (name, form) in enumerate(module.forms.items()):
             if form.values and len(module.forms) > 1:
                 form = form._replace(functions=[(i, form.functions[0][1])])
-            names = known.get(name, ["increment"] * form.arguments)
+            names = space_names.get(name, ["increment"] * form.arguments)
             terms[name] = self.data.term(form, [spaces[space] for space in names])
         return terms
 

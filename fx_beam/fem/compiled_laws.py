@@ -32,27 +32,27 @@ def _shared(expression: Expr, variables: bool = True) -> Expr:
 
     UFL compares equal objects part by part, whose number without sharing grows exponentially.
     """
-    known: dict[int, Expr] = {}
+    shared: dict[int, Expr] = {}
     shared_parts: dict[Expr, Expr] = {}
     reuse = ufl.corealg.multifunction.MultiFunction().reuse_if_untouched
     left = [expression]
     while left:
         part = left[-1]
-        if id(part) in known:
+        if id(part) in shared:
             left.pop()
-        elif missing := [operand for operand in part.ufl_operands if id(operand) not in known]:
+        elif missing := [operand for operand in part.ufl_operands if id(operand) not in shared]:
             left += missing
         else:
             left.pop()
-            parts = [known[id(operand)] for operand in part.ufl_operands]
+            parts = [shared[id(operand)] for operand in part.ufl_operands]
             if not variables and isinstance(part, ufl.classes.Variable):
-                known[id(part)] = parts[0]
+                shared[id(part)] = parts[0]
                 continue
             key = (type(part), *map(id, parts)) if parts else part
             if key not in shared_parts:
                 shared_parts[key] = reuse(part, *parts)
-            known[id(part)] = shared_parts[key]
-    return known[id(expression)]
+            shared[id(part)] = shared_parts[key]
+    return shared[id(expression)]
 
 
 class PointFunction:
@@ -116,7 +116,7 @@ class CompiledLaw:
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
         self.size = law.size + len(self.entries) + law.internal + law.iteration_memory
         #: Number of values that its functions are given.
-        self.given = arguments(law) + len(self.parameters)
+        self.input_count = arguments(law) + len(self.parameters)
 
     def address(self, quantity: str) -> int:
         """Address of the function of the "forces" or of one of `_OTHERS`; 0 for none."""
@@ -145,18 +145,18 @@ class CompiledLaw:
 
     def check_at_zero(self, parameters: np.ndarray) -> None:
         """Refuse a law that is not finite at zero, with values of its `parameters` (n,)."""
-        inputs = np.zeros((1, self.given))
+        inputs = np.zeros((1, self.input_count))
         inputs[0, 3 * self.law.size + 1] = 1.0  # the length of the step
         inputs[0, arguments(self.law) :] = parameters
         if self.law.zero_advice and not np.isfinite(self.values("forces", inputs)).all():
             raise SceneError(self.law.zero_advice)
 
     def values(self, quantity: str, inputs: np.ndarray) -> np.ndarray:
-        """Values (k, n) of a function for inputs (k, given)."""
+        """Values (k, m) of a function for inputs (k, n)."""
         return self._functions[quantity].in_rows(inputs)
 
     def slopes(self, quantity: str, inputs: np.ndarray) -> np.ndarray:
-        """Derivatives (k, given) of one of `_OTHERS`, "length" or "rate" by inputs (k, given)."""
+        """Derivatives (k, n) of one of `_OTHERS`, "length" or "rate" by inputs (k, n)."""
         return self.derivative(quantity).in_rows(inputs)
 
     def derivative(self, quantity: str) -> PointFunction:

@@ -64,10 +64,10 @@ def friction_of_members(points: PointForces, internal: np.ndarray) -> dict[int, 
     frictions = {}
     for pair, slots in _slots_of_members(points):
         if pair.contact is not None:
-            known = internal[:, slots[:, None] + np.arange(IN_SLOT)]
-            known = known.reshape(len(internal), len(pair.points), SLOTS, IN_SLOT)
-            most = abs(known[..., 1]).argmax(axis=-1)
-            farthest = np.take_along_axis(known, most[..., None, None], axis=2)
+            memory = internal[:, slots[:, None] + np.arange(IN_SLOT)]
+            memory = memory.reshape(len(internal), len(pair.points), SLOTS, IN_SLOT)
+            most = abs(memory[..., 1]).argmax(axis=-1)
+            farthest = np.take_along_axis(memory, most[..., None, None], axis=2)
             frictions[pair.contact.number] = farthest[:, :, 0, 1:]
     return frictions
 

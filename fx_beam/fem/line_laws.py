@@ -33,7 +33,7 @@ class LineLaw:
         self.entries = np.stack(np.meshgrid(numbers, numbers, indexing="ij"), -1).reshape(-1, 2)
         self.size = law.size + len(self.entries) + law.internal + law.iteration_memory
         #: Number of values that its functions are given.
-        self.given = arguments(law) + len(self.parameters)
+        self.input_count = arguments(law) + len(self.parameters)
         self.address, self.check_at_zero = length.address, length.check_at_zero
         # Where the coordinates of each point begin, -1 of those that are fixed.
         moves = np.array(law.moves)
@@ -68,11 +68,11 @@ class LineLaw:
         return (law.size + law.internal) * wide
 
     def values(self, quantity: str, inputs: np.ndarray) -> np.ndarray:
-        """Values (k, n) of a function of the length for inputs (k, given)."""
+        """Values (k, m) of a function of the length for inputs (k, n)."""
         return self._length.values(quantity, self._pieces(inputs).inputs)
 
     def slopes(self, quantity: str, inputs: np.ndarray) -> np.ndarray:
-        """Derivatives (k, given) of a function of the length by inputs (k, given)."""
+        """Derivatives (k, n) of a function of the length by inputs (k, n)."""
         pieces = self._pieces(inputs)
         slopes = self._length.slopes(quantity, pieces.inputs)
         start, path, rate = (slopes[:, i, None, None] for i in range(3))
@@ -84,7 +84,7 @@ class LineLaw:
         return np.hstack([*map(self._point_slopes, motion), middle, vectors, rest])
 
     def _pieces(self, inputs: np.ndarray) -> _Pieces:
-        """The pieces for inputs (k, given)."""
+        """The pieces for inputs (k, n)."""
         n, last = self.law.size, arguments(self.law)
         count, first = len(self._moves) - 1, last - self.law.numbers
         start, D, rates = (self._vectors(inputs[:, i * n : (i + 1) * n]) for i in range(3))

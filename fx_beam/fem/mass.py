@@ -106,7 +106,7 @@ class Mass:
         #: Names of what is assembled.
         self.assembled: list[str] = []
         # Masses, gravity and positions without slopes, and the numbers that follow from them.
-        self._given: tuple[tuple[list, list | None], np.ndarray] | None = None
+        self._inputs: tuple[tuple[list, list | None], np.ndarray] | None = None
         self._numbers: dict[str, MaybeDual] = {}
 
     def numbers_of(self, scene: Scene, X: MaybeDual) -> dict[str, MaybeDual]:
@@ -116,14 +116,14 @@ class Mass:
         """
         sections = distinct(beam.section for beam in scene.beams)
         pairs = [*[(section.rhoA, section.rhoI) for section in sections], *scene.masses]
-        gravity, last = scene.gravity, self._given
+        gravity, last = scene.gravity, self._inputs
         plain = {type(number) for pair in pairs for number in pair} <= {float, int}
         is_dual = gravity is not None and dual_of(gravity) is not None
         if is_dual or not plain or type(X) is not np.ndarray:
             return self._numbers_of(scene, X)
         inputs = pairs, None if gravity is None else gravity.tolist()
         if not (last and last[0] == inputs and (last[1] is X or all_of(last[1] == X))):
-            self._given, self._numbers = (inputs, X), self._numbers_of(scene, X)
+            self._inputs, self._numbers = (inputs, X), self._numbers_of(scene, X)
         return self._numbers
 
     def _numbers_of(self, scene: Scene, X: MaybeDual) -> dict[str, MaybeDual]:
@@ -179,7 +179,6 @@ class Mass:
         return self._of_beams(scene, X).reshape(len(self._mesh.elements), -1)
 
 
-@functools.cache
 def _unit_masses(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows and columns (n,) of entries of an element's mass matrix, and those (2 points, n).
 

@@ -211,11 +211,11 @@ class MemberContacts:
 
     def check_pairs(self, pairs: list[MemberPair]) -> None:
         """OtherStructureError if other members touch."""
-        kinds, known = (
+        kinds, own_kinds = (
             [(pair.law.kind, pair.numbers.shape, pair.turn) for pair in side]
             for side in (pairs, self.pairs)
         )
-        if kinds != known:
+        if kinds != own_kinds:
             raise OtherStructureError("other members touch")
 
     def bind(self, pairs: list[MemberPair]) -> None:

@@ -40,6 +40,9 @@ class NearestValues:
 
     def __init__(self, ends: np.ndarray, rule: int):
         self._ends, self._lengths, self._rule = ends, np.diff(ends), gauss_rule(rule)
+        # Gauss points of a piece, weights of the integral, and weights of values at its ends.
+        x, weights = gauss_rule(rule + 3)
+        self._piece_rule = x, weights, lagrange(x, _ENDS)
         #: Places (elements * rule,) of the points.
         self.points = (ends[:-1, None] + self._lengths[:, None] * self._rule[0]).ravel()
 
@@ -83,12 +86,13 @@ class NearestValues:
             cells = np.repeat(cells, parts)
             integrals, errors, size = self._integrated(function, cells, start, width)
             largest = max(largest, size)
-            known = errors <= _TOLERANCE * largest
+            converged = errors <= _TOLERANCE * largest
             numbers = integrals[0].size
-            places = cells[known, None] * numbers + np.arange(numbers)
-            values = integrals[known].reshape(-1)
+            places = cells[converged, None] * numbers + np.arange(numbers)
+            values = integrals[converged].reshape(-1)
             total = total + np.bincount(places.ravel(), values, count * numbers)
-            cells, start, width, parts = cells[~known], start[~known], width[~known], _PARTS[2]
+            left = ~converged
+            cells, start, width, parts = cells[left], start[left], width[left], _PARTS[2]
         return total.reshape(len(self.points), -1)
 
     def _integrated(
@@ -99,7 +103,7 @@ class NearestValues:
         The error is the width times that of an extrapolation to just inside both ends.
         """
         points, element_weights = self._rule
-        inner, weights, end_weights = _rule_of_pieces(len(points) + 3)
+        inner, weights, end_weights = self._piece_rule
         fractions = start[:, None] + width[:, None] * np.concatenate([inner, _ENDS])
         places = self._ends[cells, None] + self._lengths[cells, None] * fractions
         values = function(places.ravel()).reshape(*places.shape, -1)
@@ -110,13 +114,6 @@ class NearestValues:
         missed = abs(end_weights @ floats(inner_values) - ends).max(axis=(1, 2))
         largest = float(abs(floats(values)).max())
         return _integrals(polynomials, inner_values), width * missed, largest
-
-
-@functools.cache
-def _rule_of_pieces(points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gauss points of a piece, weights of the integral, and weights of values at its ends."""
-    x, weights = gauss_rule(points)
-    return x, weights, lagrange(x, _ENDS)
 
 
 def _integrals(polynomials: np.ndarray, values: MaybeDual) -> MaybeDual:

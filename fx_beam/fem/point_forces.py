@@ -13,12 +13,12 @@ import scipy.sparse
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 
-from .compiled_laws import CompiledLaw, compiled_laws
 from .loads import Followers
 from .parameter_values import ParameterValues
 from .sparsity import positions_in
 
 if TYPE_CHECKING:
+    from .compiled_laws import CompiledLaw
     from .line_laws import LineLaw
     from .member_contacts import MemberContacts
 
@@ -136,31 +136,28 @@ def _without_numbers(force: PointForce) -> tuple:
 def _placed(
     forces: Sequence[PointForce], rule: StepRule, parameters: ParameterValues
 ) -> tuple[list[PlacedForce], np.ndarray]:
-    """Forces by their roles, and what all are given; variables have places as forces come."""
-    laws = [force.law for force in forces]
-    compiled: Sequence[CompiledLaw | LineLaw]
-    if any(law.length_law for law in laws):
-        from .line_laws import laws_of_forces
+    """Forces by their roles, and inputs of all; variables have places as forces come."""
+    if not forces:
+        return [], np.empty(0)
+    from .line_laws import laws_of_forces
 
-        compiled = laws_of_forces(laws, rule)
-    else:
-        compiled = compiled_laws(laws, rule)
-    pairs = [*zip(forces, compiled, strict=True)]
+    laws = [force.law for force in forces]
+    pairs = [*zip(forces, laws_of_forces(laws, rule), strict=True)]
     for law in dict.fromkeys(law for _, law in pairs):
         law.check_at_zero(parameters.values[parameters.indices(law.parameters)])
     variables = itertools.accumulate((law.internal for law in laws), initial=0)
     triples = sorted(zip(pairs, variables, strict=False), key=lambda x: x[0][0].role)
-    sizes = [(w.given, w.size, w.law.numbers, len(w.entries)) for (_, w), _ in triples]
+    sizes = [(w.input_count, w.size, w.law.numbers, len(w.entries)) for (_, w), _ in triples]
     starts = np.cumsum([(0, 0, 0, 0), *sizes], axis=0).tolist()
-    given, results, placed = np.zeros(starts[-1][0]), np.zeros(starts[-1][1]), []
+    all_inputs, results, placed = np.zeros(starts[-1][0]), np.zeros(starts[-1][1]), []
     for ((force, law), first), start, end in zip(triples, starts[:-1], starts[1:], strict=True):
-        inputs, last = given[start[0] : end[0]], arguments(law.law)
+        inputs, last = all_inputs[start[0] : end[0]], arguments(law.law)
         numbers = inputs[last - law.law.numbers : last]
         numbers[:] = force.numbers
         places = np.array(parameters.indices(law.parameters), dtype=int)
         arrays = inputs, numbers, results[start[1] : end[1]], places
         placed.append(PlacedForce(force, law, *arrays, first, *start[2:]))
-    return placed, given
+    return placed, all_inputs
 
 
 class PointForces:
@@ -179,8 +176,8 @@ class PointForces:
         self.rule, self.parameters = rule, parameters
         #: Values of the external ones over time.
         self.followers = followers
-        #: All forces by their roles, and what all are given, in one array.
-        self.placed, self.given = _placed(forces, rule, parameters)
+        #: All forces by their roles, and the inputs of their laws, in one array.
+        self.placed, self.inputs = _placed(forces, rule, parameters)
         roles = np.array([placed.force.role for placed in self.placed], dtype=int)
         ends = [int(np.searchsorted(roles, role, "right")) for role in Role]
         #: Number of contacts, which come first, and the forces that work as loads do.
@@ -208,8 +205,8 @@ class PointForces:
         """OtherStructureError if forces are of other kinds."""
         if not (forces or self.placed):
             return
-        known = [_without_numbers(placed.force) for placed in self.placed]
-        if [*map(_without_numbers, by_role(forces))] != known:
+        own_forces = [_without_numbers(placed.force) for placed in self.placed]
+        if [*map(_without_numbers, by_role(forces))] != own_forces:
             raise OtherStructureError("forces at points are of other kinds")
 
     def bind(self, forces: Sequence[PointForce], followers: Followers) -> None:

@@ -166,16 +166,16 @@ class WeakForm:
         if self._open:
             return
         name = f"resultants of {self.kind.scheme.name}"
-        known = [
+        allowed = [
             *self.fields.names,
             *self.symbols.data.values(),
             self.symbols.internal,
             self.symbols.parameters,
         ]
         # UFL extracts those of the form anyway, and caches them.
-        refuse_fields([*self._residual.coefficients(), *self._residual.constants()], name, known)
+        refuse_fields([*self._residual.coefficients(), *self._residual.constants()], name, allowed)
         for law_resultants in self.laws.resultants:
-            refuse_fields_in(law_resultants, name, known)
+            refuse_fields_in(law_resultants, name, allowed)
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
         """Add the virtual works of further forces."""
