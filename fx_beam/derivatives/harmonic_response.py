@@ -313,14 +313,19 @@ class HarmonicResponse(OfParameters):
         frequencies, motions, adjoints = solutions
         left, node_weights = weights @ adjoints, weights @ self._measured.node_rows
         owner, w = np.arange(len(left)).repeat(left.shape[1]), 2 * np.pi * frequencies
-        factors = -1.0, -1j * w[owner], w[owner] ** 2, 1 / np.where(w > 0, w, 1.0)
         node_weights = np.broadcast_to(node_weights, (*left.shape[:2], node_weights.shape[2]))
-        node_rows = node_weights.reshape(len(owner), -1)
-        forces, base = self._force, None
-        if self._base is not None:
-            forces, base = np.multiply.outer(w[owner] ** 2, forces), self._moved
+        grows = self._base is not None
         return Pairs(
-            motions, left.reshape(len(owner), -1), owner, *factors, forces, node_rows, base
+            right=motions,
+            left=left.reshape(len(owner), -1),
+            owner=owner,
+            stiffness=-1.0,
+            damping=-1j * w[owner],
+            mass=w[owner] ** 2,
+            times=1 / np.where(w > 0, w, 1.0),
+            left_forces=np.multiply.outer(w[owner] ** 2, self._force) if grows else self._force,
+            right_forces=node_weights.reshape(len(owner), -1),
+            base=self._moved if grows else None,
         )
 
     def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:

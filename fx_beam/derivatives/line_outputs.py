@@ -63,8 +63,8 @@ class StateOutput(LineOutput):
             return
         for group in sub_steps.groups(boundaries):
             states = sub_steps.at(numbers := boundaries[group])
-            arrays = (states["q"], states["spring internal"], states.get("parameters"))
-            steps = PointSteps.of_states(*arrays)
+            parameters = states.get("parameters")
+            steps = PointSteps.of_states(states["q"], states["spring internal"], parameters)
             if moves:
                 steps = steps._replace(v=states[sub_steps.rates])
             blocks = (

@@ -134,8 +134,9 @@ class ModalResponse(OfParameters):
     def _begin(self, *arguments) -> None:
         self._arguments = build, self._n, state, self._damped = arguments
         self._parameters = Parametrised(build, _read, "modes")
-        caller = "ModalResponse", "modes"
-        self._tangent = TangentAnalysis(self._parameters, *caller, state, self._damped)
+        self._tangent = TangentAnalysis(
+            self._parameters, "ModalResponse", "modes", state, self._damped
+        )
         # Shapes (size, n) of the last modes in their places.
         self._shapes: np.ndarray | None = None
 
@@ -330,11 +331,11 @@ class ModalResponse(OfParameters):
         if C is not None:
             pencil, A = DampedPencil(linear.stiffness, C, linear.inertia), C.alone
             if abs(A - A.T).max() > _SYMMETRIC * abs(A).max():
-                modes_of_roots = zip(s, lefts, strict=True)
-                lefts = np.array([_left_vector(pencil, *mode) for mode in modes_of_roots])
-            slope = (lefts * (2 * s * (pencil.M @ x[right].T) + pencil.C @ x[right].T).T).sum(
-                axis=1
-            )
+                lefts = np.array(
+                    [_left_vector(pencil, *mode) for mode in zip(s, lefts, strict=True)]
+                )
+            sides = 2 * s * (pencil.M @ x[right].T) + pencil.C @ x[right].T
+            slope = (lefts * sides.T).sum(axis=1)
         times = 1 / abs(self._modes.omega[modes])
         return Pairs(x[modes], lefts, mode_of, -1 / slope, -s / slope, -(s**2) / slope, times)
 

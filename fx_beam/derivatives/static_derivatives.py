@@ -113,8 +113,8 @@ class StaticDerivatives:
         first, problem = self.states[0], self.derivatives.problem
         tape = static_tape(problem, first, [first], self.path.forcing)
         at_rest = derivatives(functools.partial(self._numbers_at, np.zeros(1)))
-        row_and_share = np.zeros(1, dtype=int), np.ones(1)
-        held_forces, _ = self.derivatives.jvp_of_equations(tape, at_rest, None, *row_and_share)
+        rows, shares = np.zeros(1, dtype=int), np.ones(1)
+        held_forces, _ = self.derivatives.jvp_of_equations(tape, at_rest, None, rows, shares)
         hold = (1 - self.factors)[None, :, None] * held_forces[0][:, None]
         return derivatives(self.numbers_of) | {"hold": hold}
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import ufl
 from dolfinx import fem
@@ -73,7 +72,7 @@ class StepForm:
         self.added: list[Term] = []
         #: Natural strains (3,) at the end of a step in UFL, by a user.
         self.natural: Expr | None = None
-        energy: Any = forms["strain energy"]
+        energy: ufl.Form | None = forms["strain energy"]
         if self.replaced:
             strains = self.fields.step.strains0
             energy = strain_energy and strain_energy(*strains) * grid.measure(None, None)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy.sparse
 
+from fx_beam.fem.compiled_laws import PointFunction
 from fx_beam.results.state import State
 from fx_beam.step.loop import CompiledLoop
 
@@ -34,7 +33,7 @@ class Inertia:
         self._slopes = steepness * slope
         return self._mass @ a
 
-    def _by_rule(self, rule: Any, D: np.ndarray) -> np.ndarray:
+    def _by_rule(self, rule: PointFunction, D: np.ndarray) -> np.ndarray:
         """Accelerations (size,) by a nodal rule of a user."""
         start, nodes = self._start, self._model.mesh.dofs
         previous = start.q if start.q_previous is None else start.q_previous

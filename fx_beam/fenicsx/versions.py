@@ -70,7 +70,7 @@ def function_space(mesh: Mesh, element: Element) -> fem.FunctionSpace:
     return getattr(fem, "functionspace", fem.FunctionSpace)(mesh, element)
 
 
-def _rows(table: Any, width: int) -> np.ndarray:
+def _rows(table: object, width: int) -> np.ndarray:
     """Numbers (cells, width) of a list of lists, or of a table."""
     return np.asarray(getattr(table, "array", table)).reshape(-1, width)
 

@@ -105,9 +105,9 @@ class LoadLoop(CompiledLoop):
             raise self.failures.in_c(self.problem, state)
         ended_by = "round-off" if p.counts.by_round_off else "increment"
         D, z, r, _ = self._results
-        y = z[: self.model.reduction.free].copy()
-        parts = D.copy(), y, r.copy(), p.newton.tried, ended_by, self._predicted.copy()
-        return self._taken(state, interval), StepSolution(*parts)
+        y, predicted = z[: self.model.reduction.free].copy(), self._predicted.copy()
+        step = StepSolution(D.copy(), y, r.copy(), p.newton.tried, ended_by, predicted)
+        return self._taken(state, interval), step
 
     def finished(self, state: State, interval: Interval, y: np.ndarray, r: np.ndarray) -> State:
         """State at the end of a step whose increment and forces are known.
@@ -140,8 +140,7 @@ class LoadLoop(CompiledLoop):
         follower_force = floats(followers.series(t, t)) if len(followers) else np.empty((1, 0))
         values = np.array([[model.forms.parameters.values] * 2])
         driven, none = floats(forcing.positions(interval.end))[None], np.empty((1, 0))
-        arrays = none, driven, follower_force, values, none
-        return StepInputs(*arrays, parts=1, ratio=interval.end)
+        return StepInputs(none, driven, follower_force, values, none, 1, ratio=interval.end)
 
     def interval(self, dt: float) -> Interval:
         """Load factors of the step that C takes."""

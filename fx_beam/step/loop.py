@@ -13,6 +13,7 @@ from fx_beam.laws.interval import Interval
 from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 
+from .checkpoints import TakenSteps
 from .forcing import Forcing
 from .interrupts import NOTHING
 from .inverted_sections import InversionCheck
@@ -157,8 +158,10 @@ class CompiledLoop:
                 (record.part + count) % record.parts if count > record.parts else 0
             )  # whole steps
             c_inputs = rest.in_c(self.problem.ffi)
-            taken = count, steps.dt, record.parts, record.part, c_inputs, rest, times[total:]
-            record.tape = tape.begin(*taken)
+            taken = TakenSteps(
+                count, steps.dt, record.parts, record.part, c_inputs, rest, times[total:]
+            )
+            record.tape = tape.begin(taken)
             now, limits = self.problem.c.state.t, steps.limits(self.problem)
             done = self._steps(count, now, steps.dt, c_inputs, record, limits)
             tape.end(done)

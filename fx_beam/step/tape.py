@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,9 +88,8 @@ class Tape:
 
     # -- Written in a run -------------------------------------------------------------------------
 
-    def begin(self, *taken: Any) -> Any:
-        """Keep the state before `TakenSteps`; the C struct for their rows, or 0 for none."""
-        steps = TakenSteps(*taken)
+    def begin(self, steps: TakenSteps):
+        """Keep the state before some steps; the C struct for their rows, or 0 for none."""
         sub_steps = steps.number * self._checkpoints.parts
         if self.is_whole and 8 * self.c.size * (self.c.rows + sub_steps) > self._checkpoints.limit:
             self.is_whole = False
@@ -111,7 +110,7 @@ class Tape:
         self._count += count * self._checkpoints.parts
         self._times = None
 
-    def _with_room(self, sub_steps: int) -> Any:
+    def _with_room(self, sub_steps: int):
         """The C struct, with room for some more sub-steps."""
         if self.c.rows + sub_steps > len(self._rows):
             doubled = min(2 * len(self._rows), int(self._checkpoints.limit / (8 * self.c.size)))
