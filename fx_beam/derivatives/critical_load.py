@@ -14,7 +14,6 @@ from fx_beam.linear.linearisation import linearised
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import null_vectors, pivoted_lu
 
-from .implicit_function import ImplicitFunction
 from .static_derivatives import DerivativesOf
 from .tangent_derivatives import Pairs, TangentDerivatives
 
@@ -95,17 +94,17 @@ class CriticalLoad:
         self.phi, self.psi = self._unit * self._right, self._unit * self._left
 
     def _solved(self, state_gradient: np.ndarray) -> np.ndarray:
-        """Weights w (1, free) of forces with K^T w = `state_gradient` (1, free).
+        """Weights w (free,) of forces with K^T w = `state_gradient` (free,).
 
         In the complement of the null vector if K is singular.
         """
-        right_side, K = self._unit * state_gradient[0], self._linear.K
+        right_side, K = self._unit * state_gradient, self._linear.K
         if self._square:
             unit = scipy.sparse.diags(self._unit)
-            return self._unit * pivoted_lu((unit @ K @ unit).T).solve(right_side)[None]
+            return self._unit * pivoted_lu((unit @ K @ unit).T).solve(right_side)
         rows = [[self._B.T, self._right[:, None]], [self._left[None, :], None]]
         weights = pivoted_lu(scipy.sparse.bmat(rows)).solve(np.append(right_side, 0.0))
-        return self._unit * weights[None, :-1]
+        return self._unit * weights[:-1]
 
     def derivatives(self) -> np.ndarray:
         """Derivatives (m,) of the load factor by x."""
@@ -161,9 +160,8 @@ class CriticalLoad:
         """
         motions = self._tangent.along_motions(self._pair(-self._square))
         by_name, state_gradient = self._tangent.followed(motions, np.ones(1))
-        state = ImplicitFunction(solve_transposed=self._solved, residual_slopes=self._work)
-        path_change, weights = state.vjp(state_gradient)
-        return self._tangent.by_x(by_name) + path_change, state_gradient, weights
+        weights = self._solved(state_gradient)  # the state follows by dy = -K^-1 dr
+        return self._tangent.by_x(by_name) - self._work(weights), state_gradient, weights
 
     def _work(self, weights: np.ndarray) -> np.ndarray:
         """Derivatives (m + 1,) by x and the load factor of the work of all forces on a motion."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -22,7 +21,6 @@ from fx_beam.scene.scene import Scene
 from .built_scenes import NumbersOf, refuse_others
 from .energy_outputs import energy_blocks
 from .gradient import jvp
-from .implicit_function import ImplicitFunction
 from .parametrised import Parametrised
 from .static_derivatives import StaticDerivatives
 from .sub_steps import SubSteps
@@ -110,8 +108,7 @@ class PeriodDerivatives:
                 f"{WHAT}: the motion is one of a family of the same scene, and nothing chooses "
                 "it. Give periodic the energy or the amplitude"
             )
-        solve = functools.partial(least_squares, matrix)
-        solved = ImplicitFunction(lambda rows: solve(rows.T).T, lambda: sides.T).jvp()
+        solved = -least_squares(matrix, sides).T
         self.lay()
         self._start = solved[:, :n]
         if parameter_count:

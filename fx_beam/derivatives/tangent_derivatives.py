@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator, Set
 from typing import NamedTuple
 
@@ -30,7 +29,6 @@ from fx_beam.step.tape_derivatives import TapeDerivatives
 from .built_scenes import refuse_others
 from .energy_outputs import by_mass_entries
 from .gradient import along as linear_change
-from .implicit_function import ImplicitFunction
 from .static_derivatives import StateChange
 from .tangent_steps import Steps, TangentSteps
 
@@ -105,15 +103,9 @@ class TangentDerivatives:
         end = None if state is None else state.end
         self._factor = 0.0 if state is None or end is None else float(state.t[-1])
         self._inputs = None if end is None else end.inputs
-        #: The state, if it follows from x; where something flows, from all load steps before.
-        self._state: ImplicitFunction | None = None
-        if state is not None and not linear.model.kinks.flows:
-            self._state = ImplicitFunction(
-                functools.partial(self._solved, linear.K),
-                self._forces_along_x,
-                functools.partial(self._solved, linear.K.T),
-                lambda weights: self.by_x(self.forces(weights)),
-            )
+        # Whether the state follows from x by r = 0; where something flows, it follows from all load
+        # steps before.
+        self._state_follows = state is not None and not linear.model.kinks.flows
         self._linear, self._steps = linear, TangentSteps(linear, self._factor, damped)
         problem = self._steps.problem
         if problem is not self._problem:
@@ -174,8 +166,9 @@ class TangentDerivatives:
         for row, sum_weights in zip(sums, weights, strict=True):
             number_slopes, state_slopes = self.followed(motions, sum_weights)
             row += self.by_x(number_slopes)
-            if self._state is not None:
-                row += self._state.vjp(state_slopes)[0]
+            if self._state_follows:  # dy/dx = -K^-1 r_x
+                (force_weights,) = self._solved(self._linear.K.T, state_slopes[None])
+                row -= self.by_x(self.forces(force_weights))
         return sums
 
     def by_x(self, slopes: Arrays, changes: Arrays | None = None) -> np.ndarray:
@@ -246,7 +239,11 @@ class TangentDerivatives:
         changes, sums = self.changes, np.zeros((len(terms.owner), len(self.changes["X"])), complex)
         basis, parts = _basis(terms.directions, self._steps.unit)
         time = self._steps.slow * _mean(terms.times)
-        state_changes = None if self._state is None else self._state.jvp()
+        state_changes = None
+        if self._state_follows:
+            held = np.zeros((sums.shape[1], len(self._linear.unknowns)))
+            force_changes, _ = self._pushed(self._steps.one_step(held.shape[1]), held)
+            state_changes = -self._solved(self._linear.K, force_changes[0])
         force_weights = self._steps.of_lengths(terms.stiffness, terms.damping, time)
 
         def add(rows: np.ndarray, k: np.ndarray, weights: np.ndarray) -> None:
@@ -278,11 +275,6 @@ class TangentDerivatives:
         step, none = self._steps.one_step(len(weights)), 0 * self._linear.start.q[None]
         return self._backwards(step, weights[None], none)[0]
 
-    def _forces_along_x(self) -> np.ndarray:
-        """Changes (m, free) of the residual in the state with x."""
-        none = np.zeros((len(self.changes["X"]), len(self._linear.unknowns)))
-        return self._pushed(self._steps.one_step(none.shape[1]), none)[0][0]
-
     def _pushed(
         self, steps: Steps, state_changes: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -301,7 +293,7 @@ class TangentDerivatives:
         """
         unknowns, tape = self._linear.unknowns, self._steps.tape(steps)
         spread = self._steps.spread(weights)
-        chosen, names = unknowns[: None if self._state is None else 0], self._changing.keys()
+        chosen, names = unknowns[: 0 if self._state_follows else None], self._changing.keys()
         number_slopes, unknown_slopes = self._derivatives.vjp_of_equations(
             tape, steps.rows, steps.shares, spread, end_weights, chosen, names
         )

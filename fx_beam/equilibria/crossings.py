@@ -6,7 +6,6 @@ A step in which their number changes at no point that is found has left its path
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,19 +17,14 @@ from .branches import is_equilibrium
 from .load_steps import LoadStepper
 from .path_piece import LIMIT_POINT, SAME, SMOOTH, Piece, Root, brackets_of, root_of
 
+#: A point in a step, and how many modes become unstable there.
+Crossing = tuple[Root, int]
 # What equilibria, factors and eigenvalues raise.
 FAILURES = StepFailed, RuntimeError, ValueError
 # Work of the loads on a mode that is none, relative to its parts, and to the forces in members;
 # rounding errors, relative to stiffness times the size of the scene. The part of the loads by which
 # it is found.
 _OF_PARTS, _OF_FORCES, _ROUNDING, _PART_OF_LOADS = 1e-7, 1e-9, 2e-16, 0.1
-
-
-class Crossing(NamedTuple):
-    """A point in a step, and how many modes become unstable there."""
-
-    root: Root
-    several: int
 
 
 class Crossings:
@@ -93,7 +87,7 @@ class Crossings:
             if not stays:
                 reason = "the step reaches another path"
             elif root.place - last > SAME * piece.length:  # else it is the same one, divided
-                crossings.append(Crossing(root, multiplicity))
+                crossings.append((root, multiplicity))
                 last = root.place
         return crossings, reason
 

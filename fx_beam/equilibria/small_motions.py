@@ -52,11 +52,6 @@ class SmallMotions:
         """Sizes (n,) of unit unknowns."""
         return self.model.units.unknowns[self.model.reduction.independent]
 
-    @property
-    def metric(self) -> scipy.sparse.csr_matrix:
-        """Squares of unit unknowns, in which eigenvectors are orthogonal."""
-        return scipy.sparse.diags(self.unit**-2.0).tocsr()
-
     def stiffness(self, state: State) -> scipy.sparse.csr_matrix:
         """The tangent (n, n) of an equilibrium without flow."""
         return self.extended(state).matrix
@@ -150,8 +145,9 @@ class SmallMotions:
         raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
 
     def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """The n lowest eigenvalues of a tangent in the metric, and vectors (unknowns, n)."""
-        modes = UndampedModes(((K + K.T) / 2).tocsr(), self.metric)
+        """The n lowest eigenvalues of a tangent in unit unknowns, and vectors (unknowns, n)."""
+        metric = scipy.sparse.diags(self.unit**-2.0).tocsr()
+        modes = UndampedModes(((K + K.T) / 2).tocsr(), metric)
         roots, _, vectors = modes.lowest(min(n, K.shape[0]))
         return np.sign(roots) * roots**2, vectors
 
