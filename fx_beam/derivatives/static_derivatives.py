@@ -128,36 +128,26 @@ class StaticDerivatives:
         changes = self.changes(derivatives)
         refuse_others(changes, self.derivatives.names, name)
         boundaries = np.arange(len(self.tape) + 1)
-        changed_rows = self.derivatives.jvp(self.tape, changes, boundaries, boundaries[:-1])
-        forces_of = {"constraint_forces": "constraints", "joint_forces": "joints"}
-        arrays = {"q": "q", "slides": "slides"} | forces_of
-        at_end = {name: changed_rows[rows][-1] for name, rows in arrays.items()}
+        rows = self.derivatives.jvp(self.tape, changes, boundaries, boundaries[:-1])
+        names = {"q": "q", "slides": "slides"}
+        names |= {"constraint_forces": "constraints", "joint_forces": "joints"}
+        at_end = {name: rows[array][-1] for name, array in names.items()}
+        count, sums = len(changes["X"]), self._summed()
         outputs = {str(pull.place.number): pull for pull in pulls}
-        outputs |= {name: Measured(Output(name, self.model.scene)) for name in self._summed()}
+        outputs |= {name: Measured(Output(name, self.model.scene)) for name in sums}
         forces = functools.partial(self.derivatives.constraint_forces, self.tape)
-        observed = Observation(
-            model=self.model,
-            tape=self.tape,
-            forces=forces,
-            entries={},
-            has_places=True,
-            numbers={},
-            outputs=outputs,
-            boundaries=boundaries[-1:],
-        )
-        state_changes = {
-            name: rows[observed.sub_steps if name in forces_of.values() else observed.boundaries]
-            for name, rows in changed_rows.items()
-        }
-        count = len(changes["X"])
-        earlier = {name: np.zeros(count) for name in self._summed()}
-        values = observed.jvp(state_changes, changes, earlier)
+        last = boundaries[-1:]
+        observed = Observation(self.model, self.tape, forces, {}, True, {}, outputs, last)
+        for name, values in rows.items():
+            is_force = name in ("constraints", "joints")
+            rows[name] = values[observed.sub_steps if is_force else observed.boundaries]
+        outputs_at_end = observed.jvp(rows, changes, {name: np.zeros(count) for name in sums})
         at_end["line_forces"] = np.zeros((count, once(self.model, sizes_of)["lines"]))
         for pull in pulls:
             number = pull.place.number
-            at_end["line_forces"][:, number] = values[str(number)][0]
-        for name in self._summed():
-            at_end[name.removesuffix("_energy")] = values[name][0]
+            at_end["line_forces"][:, number] = outputs_at_end[str(number)][0]
+        for name in sums:
+            at_end[name.removesuffix("_energy")] = outputs_at_end[name][0]
         return StateChange(self, at_end | self.derivatives.at_end)
 
     def _summed(self) -> list[str]:
