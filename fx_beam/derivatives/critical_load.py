@@ -183,14 +183,13 @@ class CriticalLoad:
         """
         f, numbers = self._tangent.forces(self.psi), self._tangent.numbers_of(self._linear.scene)
         largest_forces = self._tangent.forces(self._unit)
-        sizes = {
-            name: np.maximum(abs(f[name]), _ROUNDING * abs(largest_forces[name])) for name in f
-        }
+        least = {name: _ROUNDING * abs(forces) for name, forces in largest_forces.items()}
+        sizes = {name: np.maximum(abs(f[name]), least[name]) for name in f}
         changes = {name: abs(self._changes[name]) for name in f if self._changes[name].size}
         work, parts = self._work(self.psi)[:-1], self._tangent.by_x(sizes, changes)[:-1]
-        most = {name: abs(numbers[name]).max() or np.inf for name in changes}
         relative = [
-            rows.reshape(len(rows), -1).max(axis=1) / most[name] for name, rows in changes.items()
+            rows.reshape(len(rows), -1).max(axis=1) / (abs(numbers[name]).max() or np.inf)
+            for name, rows in changes.items()
         ]
         load_size = abs(factor_change * self._point.load_factor) * np.max(relative, axis=0)[:-1]
         return np.where(abs(work) > _ZERO * np.maximum(parts, load_size), work, 0.0)

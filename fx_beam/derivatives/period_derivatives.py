@@ -166,11 +166,8 @@ class PeriodDerivatives:
     def _energy_by_x(self) -> np.ndarray:
         """Derivatives (m,) of the energy of the start, of which the variables are held."""
         model, tape, none = self._shooting.model, self._shooting.tape, np.zeros(1, dtype=int)
-        changes, at_start, steps = (
-            self._scene_changes,
-            self._start_by_x(),
-            SubSteps(model, tape, none),
-        )
+        changes, at_start = self._scene_changes, self._start_by_x()
+        steps = SubSteps(model, tape, none)
         blocks = energy_blocks(steps, "energy of steps", none, none)
         slopes = jvp(blocks, (1,), at_start, changes)[0]
         if model.data.loads.constant and model.data.loads.functions:
@@ -178,9 +175,7 @@ class PeriodDerivatives:
             factors = floats(model.data.loads.series(np.zeros(1)))[0]
             columns = np.repeat(np.arange(loads.shape[1]), np.diff(loads.indptr))
             slopes = slopes - changes["columns"] @ (q[loads.indices] * factors[columns])
-            factor_changes = changes["loads"].reshape(len(self._parameters.x), -1, loads.shape[1])[
-                :, 0
-            ]
+            factor_changes = changes["loads"].reshape(len(slopes), -1, loads.shape[1])[:, 0]
             slopes = slopes - factor_changes @ (loads.T @ q) - at_start["q"][0] @ (loads @ factors)
         return slopes
 

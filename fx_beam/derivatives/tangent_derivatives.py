@@ -196,10 +196,9 @@ class TangentDerivatives:
             node_forces = _times(mass_of, moved)
             moving = sum((factor * _times(turn, motion) for turn, factor in turns), m * motion)
             turned = (factor * _times(turn.T, node_forces) for turn, factor in turns)
-            ends = [(pairs.owner, sum(turned, pairs.right_forces + m * node_forces))]
-            ends += [
-                (len(right) + np.arange(len(left)), _times(mass_of, moving) + pairs.left_forces)
-            ]
+            left_numbers = len(right) + np.arange(len(left))
+            ends.append((pairs.owner, sum(turned, pairs.right_forces + m * node_forces)))
+            ends.append((left_numbers, _times(mass_of, moving) + pairs.left_forces))
             directions, times = np.vstack([right, left]), np.append(times, times[pairs.owner])
         return _Terms(directions, times, pairs.owner, k * left, c * left, masses, ends)
 

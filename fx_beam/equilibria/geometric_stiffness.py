@@ -105,10 +105,9 @@ def _line_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     fixed = np.full(2, size)
     dofs, blocks = [], []
     for line in lines:
-        places = [positions[p.number] if isinstance(p, Node) else p.position for p in line.points]
-        numbers = [
-            model.mesh.dofs[p.number][:2] if isinstance(p, Node) else fixed for p in line.points
-        ]
+        points, node_dofs = line.points, model.mesh.dofs[:, :2]
+        places = [positions[p.number] if isinstance(p, Node) else p.position for p in points]
+        numbers = [node_dofs[p.number] if isinstance(p, Node) else fixed for p in points]
         for k, arm in enumerate(line.straight(np.diff(places, axis=0))):
             length = np.hypot(*arm)
             normal = np.eye(2) - np.outer(arm, arm) / length**2

@@ -97,36 +97,44 @@ class LoadPath:
 
     def followed(self) -> Solution:
         """The whole path. An exception has the solution of the steps before it."""
-        options, stats = self.options, self.stats
-        self._clock, bar = time.perf_counter(), progress_bar(1.0, options.progress, bar_format=_BAR)
+        self._clock = time.perf_counter()
+        bar = progress_bar(1.0, self.options.progress, bar_format=_BAR)
         self.states = states = _States(bar)
         try:
             with bar:
                 self._path_states().follow(states)
-            stats.steps = len(states) - 1
-            stopped = stats.closed or (options.stop_at and stats.limit_points)
-            if states[-1].t < 1 and not stopped and stats.steps >= options.max_steps:
-                factor, most = states[-1].t, options.max_steps
-                reason = f"static: load factor {factor:g}, below 1, after max_steps = {most} steps"
-                stats.failure = Failure("too many steps", reason, factor)
-                _log.warning(reason)
+            self.stats.steps = len(states) - 1
+            self._check_end(states[-1].t)
             solution = self._solution(states)
             if self.warns:
                 _warn_if_unstable(self.stepper.motions, states)
             warn_of_places(solution, lines=self.scene.forces_between)
             warn_of_long_elements(solution, solution.t, solution.recorded("q"))
-            solution.load_path = self
-            self._start = None
         except BaseException as error:
-            stats.failure = failure_of(error, states[-1].t if states else 0.0)
-            stats.steps = max(len(states) - 1, 0)  # wherever an interrupt came
-            if states:
-                attach(error, lambda: self._solution(states))
-            if isinstance(error, StepError) and stats.steps:
-                self._name_critical_point(error)
-                warn_of_sharp_bends(error.solution)
+            self._fail(error)
             raise
+        solution.load_path, self._start = self, None
         return solution
+
+    def _check_end(self, factor: float) -> None:
+        """Warn of a path that ends below load factor 1 since it has too many steps."""
+        stats, most = self.stats, self.options.max_steps
+        stopped = stats.closed or (self.options.stop_at and stats.limit_points)
+        if factor < 1 and not stopped and stats.steps >= most:
+            reason = f"static: load factor {factor:g}, below 1, after max_steps = {most} steps"
+            stats.failure = Failure("too many steps", reason, factor)
+            _log.warning(reason)
+
+    def _fail(self, error: BaseException) -> None:
+        """Give an error the solution of the steps before it."""
+        stats, states = self.stats, self.states
+        stats.failure = failure_of(error, states[-1].t if states else 0.0)
+        stats.steps = max(len(states) - 1, 0)  # wherever an interrupt came
+        if states:
+            attach(error, lambda: self._solution(states))
+        if isinstance(error, StepError) and stats.steps:
+            self._name_critical_point(error)
+            warn_of_sharp_bends(error.solution)
 
     def first_state(self) -> State:
         """The equilibrium at load factor 0, from which the loads rise."""

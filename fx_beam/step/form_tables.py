@@ -332,9 +332,8 @@ def rows_of_nodes(stored_at: np.ndarray, first_free: int, lanes: int) -> dict[st
     cells, n = len(stored_at), math.isqrt(stored_at.shape[1])
     nodes, number = n // 3, np.arange(n)
     dofs = np.column_stack([number[: 2 * nodes].reshape(nodes, 2), number[2 * nodes :]])
-    entries = (
-        dofs[:, None, :, None] * n + dofs[None, :, None, :]
-    )  # of the nodes a and b (a, b, 3, 3)
+    # Those (a, b, 3, 3) of the nodes a and b.
+    entries = dofs[:, None, :, None] * n + dofs[None, :, None, :]
     first = stored_at[:, entries[:, :, 0, 0]]
     together = np.ones(first.shape, dtype=bool)
     for i, j in np.ndindex(3, 3):

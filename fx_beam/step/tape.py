@@ -207,12 +207,11 @@ def static_tape(
     rows, apart, last = [], not model.kinks.flows, start.t
     for old, new in zip(states if apart else [start, *states], states, strict=False):
         length, last = new.t - last, new.t
-        parts = (
-            *([forcing.time - length, length, new.t, 1.0, 0.0], old.q, np.zeros(model.size)),
-            *(old.slides, old.internal, _at_start(model, old, new), old.natural),
-            *(new.t * loads, new.t * loads, follower_force, new.t * strains),
-            *(values, _increments(model, old, new)),
-        )
+        numbers = np.array([forcing.time - length, length, new.t, 1.0, 0.0])
+        parts: list[np.ndarray | None] = [numbers, old.q, np.zeros(model.size)]
+        parts += [old.slides, old.internal, _at_start(model, old, new), old.natural]
+        parts += [new.t * loads, new.t * loads, follower_force, new.t * strains]
+        parts += [values, _increments(model, old, new)]
         rows.append(np.concatenate([np.ravel(part) for part in parts if part is not None]))
     tape = Tape(problem)
     tape.c.apart, tape.last = apart, states[-1]
