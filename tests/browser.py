@@ -10,7 +10,7 @@ needed = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
 
 
 def dom(page, folder):
-    """What a page has become after its scripts ran."""
+    """A page after its scripts ran."""
     command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
     command += [f"--user-data-dir={folder}", "--allow-file-access-from-files"]
     command += ["--window-size=900,900", "--virtual-time-budget=10000", page.as_uri()]

@@ -55,7 +55,7 @@ if _STRETCH != 1:
 
 @pytest.fixture(autouse=True)
 def warnings_come_again():
-    """What is said once in a process is said once in a test."""
+    """A message that is said once in a process is said once in a test."""
     errors.warn_once.cache_clear()
     with np.errstate():  # an interrupt inside NumPy may leave another behind
         yield

@@ -48,7 +48,7 @@ _DRAWN = {}
 
 @functools.cache
 def numbers(name):
-    """What a demo returns, once."""
+    """Numbers that a demo returns, once."""
     numbers, _DRAWN[name] = demo(name).compute(**SMALL.get(name, {}))
     return numbers
 

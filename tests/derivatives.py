@@ -75,7 +75,7 @@ def assert_derivatives(run, x):
 
 
 def assert_left_of_second_order(run, x, odd_part=1e-6):
-    """What is left of the linear change of a response of modes or vibrations; and backwards."""
+    """Remainders of the linear change of a response of modes or vibrations; and backwards."""
     direction = np.array([0.3, -0.5, 0.4, 0.6])
     values, J = run(x), run.jacobian()
     weights = np.random.default_rng(0).standard_normal((*values.shape, 2)) @ (1, 1j)

@@ -4,7 +4,7 @@ import sys
 
 
 class Stop(BaseException):
-    """What a handler of signals may raise."""
+    """An error that a handler of signals may raise."""
 
 
 def stop():

@@ -157,7 +157,7 @@ class PlainStep:
         return gap, [(dofs, f[: len(dofs)], s) for f, s in zip(force, (*axis, 0.0), strict=True)]
 
     def on_beam(self, joint):
-        """The same of a node on a beam (fx_beam/coupling/sliders.py)."""
+        """Gap and forces of a node on a beam (fx_beam/coupling/sliders.py)."""
         path, model = joint.path, self.model
         nodes = model.mesh.dofs[model.mesh.nodes_of(model.scene, joint.beam)]
         Ds = self.Dd[joint.number]

@@ -69,14 +69,14 @@ def clamped_bar(axis, section, *size, **options):
 
 
 def pinned_bar(axis, section, *size, **options):
-    """The same on a pin."""
+    """A scene with a beam on a pin."""
     scene, bar = one_bar(axis, section, *size, **options)
     scene.pin(bar.start)
     return scene, bar
 
 
 def supported_bar(axis, section, *size, held="y", **options):
-    """The same on a pin, with a support of some components at the other end."""
+    """A scene with a beam on a pin, and a support of some components at the other end."""
     scene, bar = pinned_bar(axis, section, *size, **options)
     scene.fix(bar.end, *held)
     return scene, bar

@@ -39,7 +39,7 @@ def with_a_multiplier(alpha, dt):
 
 
 def without_multipliers(scheme, dt):
-    """The same of a body on a hinge, which has one unknown."""
+    """Energies of a body on a hinge, which has one unknown."""
     scene, body, _ = hinged_body((1, 0), 1.0, 0.0, {"pin": (0, 0)}, gravity=(0, -G))
     return fb.simulate(scene, scheme, dt=dt, t_end=STEPS * dt, max_halvings=0).energy.total
 

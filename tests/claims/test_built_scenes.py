@@ -301,7 +301,7 @@ def small_parameter(scene, length, large):
 
 
 def small_mass(scene, length, large):
-    """That of a rotor beside a heavy body: its joint, and what is asked of that."""
+    """Joint of a rotor beside a heavy body, and the output that is asked of it."""
     scene.clamp(scene.add_body((3, 0), large, 0.1).centre)
     rotor = scene.add_body((0.5, 0), 1e-3, 1e-7 * length**2)
     spring = fb.Spring(1e-3, rest=0.5)

@@ -83,7 +83,7 @@ def test_a_mooring_line_of_a_kilometre_hangs_as_a_catenary(middle, EI, load_step
 @pytest.mark.parametrize("load_steps", [1, 5, 50])
 @pytest.mark.parametrize("EI", [1e-2, 1e2, 1e4])
 def test_a_line_that_is_led_to_its_end_touches_down_on_a_bed(EI, load_steps):
-    """What hangs in the depth h has the length sqrt(h^2 + 2 a h) and spans a acosh(1 + h / a)."""
+    """A cable in the depth h has the length sqrt(h^2 + 2 a h) and spans a acosh(1 + h / a)."""
     length, across, depth, weight = 340.0, 300.0, 100.0, 1000.0
     section = fb.Section(EA=1e9, GA=1e9, EI=EI, rhoA=weight / G)
     scene, line = pinned_bar((length, 0), section, elements=80, gravity=(0, -G))

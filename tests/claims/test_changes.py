@@ -32,7 +32,7 @@ SCHEMES = pytest.mark.parametrize(
 
 
 def supplied_and_stored(energy, row):
-    """What does not change, also where a scene changes."""
+    """Quantities that do not change, also where a scene changes."""
     stored = energy.total[row] + energy.algorithmic[row]
     return stored - energy.work[row] + energy.dissipated[row] + energy.impact[row]
 

@@ -94,7 +94,7 @@ def of_all_kinds():
 
 
 def assert_same(solution, other):
-    """The same motion, forces and energy to far below their size, over more than one swing."""
+    """Motion, forces and energy agree to far below their size, over more than one swing."""
     for name in ("t", "q", "v", "a", "reactions", "slides", "joint_forces"):
         values = getattr(solution, name)
         size = 1e-9 * abs(values).max(initial=1e-3)

@@ -153,7 +153,7 @@ def test_a_bead_on_a_turning_rod_has_the_derivatives_of_cosh():
 
 
 def with_work(build):
-    """The same scene with its work, dissipated and total energy as outputs."""
+    """A scene with its work, dissipated and total energy as outputs."""
 
     def observed(x):
         scene = build(x)

@@ -38,7 +38,7 @@ def weighted(mu, stiffness=1e5, velocity=3.0, axis=(1, 0), **options):
 
 
 def assert_balanced(solution, largest=1e-10):
-    """What friction takes never comes back, and the balance closes."""
+    """Energy that friction takes never comes back, and the balance closes."""
     assert np.diff(solution.energy.dissipated).min() >= 0
     assert abs(solution.energy.balance_error).max() < largest
 

@@ -172,7 +172,7 @@ def test_what_damage_dissipates_in_load_steps_is_of_second_order(part):
         return damaged(eps, a) + GA / 2 * gamma**2 + EI / 2 * kappa**2
 
     def dissipated(load_steps):
-        """What is dissipated, the error of the balance, and how many steps were halved."""
+        """Dissipated energy, the error of the balance, and how many steps were halved."""
         if part == "section":
             scene, bar = cantilever(with_variables(energy, damage, ("damage",)), elements=1)
         else:

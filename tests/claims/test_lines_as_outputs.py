@@ -57,7 +57,7 @@ def test_outputs_of_lines_are_those_of_their_nodes():
 
 @pytest.mark.parametrize("own", [False, True])
 def test_energies_and_powers_of_all_lines_are_those_of_the_scene(own):
-    """What lines store is the energy of springs; what they take beyond it is dissipated."""
+    """Energy that lines store is that of springs; what they take beyond it is dissipated."""
     law = fb.Spring(3.0, strain_energy=lambda x: 120.0 * (x - 0.9) ** 4) if own else None
     scene, line, held = pair(law=law)
     solution = fb.simulate(scene, dt=0.01, t_end=1.0)
@@ -100,7 +100,7 @@ def test_the_energy_of_a_bed_and_of_a_stop_is_that_of_springs():
 
 
 def test_beds_have_rates_and_power():
-    """What a bed takes while its beam falls on it is stored; rates are those of its nodes."""
+    """Energy of a bed on which its beam falls is stored; rates are those of its nodes."""
     section = fb.Section(EA=1e5, GA=1e5, EI=20.0, rhoA=2.0, rhoI=1e-4)
     scene, beam = one_bar((1.6, 1.2), section, elements=6, gravity=(0, -9.81))
     bed = scene.add_bed(beam, normal=500.0, tangential=80.0)

@@ -202,7 +202,7 @@ def test_parts_without_mass_that_a_damper_holds_keep_their_slopes(caplog):
 
 
 def test_velocities_of_bodies_have_slopes_by_their_places():
-    """Those of its points are (x - 2 y, 2 x) from the centre, whose velocity is (X, 0)."""
+    """Velocities of its points are (x - 2 y, 2 x) from the centre, whose velocity is (X, 0)."""
 
     def build(x):
         scene, body = one_body((x[0], 0), 1.0, 0.1, points={"end": (3, x[1])})

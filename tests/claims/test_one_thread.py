@@ -18,7 +18,7 @@ def pendulum(length=1.0):
 
 
 def elsewhere(call):
-    """What a call gives, or raises, in another thread."""
+    """Result of a call, or raises, in another thread."""
     warnings = []
 
     def target():

@@ -248,7 +248,7 @@ def _held_by(work):
 
 
 @pytest.mark.parametrize(
-    ("of_step", "of_level"),
+    ("step_work", "level_work"),
     [
         (
             lambda step: -2 * ufl.dot(step.Du, step.virtual_u) / step.dt,
@@ -261,9 +261,9 @@ def _held_by(work):
     ],
     ids=["increment over length", "start of the step"],
 )
-def test_forces_of_increments_and_starts_know_no_motion_in_load_steps(step_system, level_system):
+def test_forces_of_increments_and_starts_know_no_motion_in_load_steps(step_work, level_work):
     # As the steps of the load get shorter, both are the same force.
-    step_forces, wanted = _held_by(step_system), _held_by(level_system)
+    step_forces, wanted = _held_by(step_work), _held_by(level_work)
     for values, exact in zip(
         [*step_forces[0], *step_forces[1]], [*wanted[0], *wanted[1]], strict=True
     ):
@@ -273,7 +273,7 @@ def test_forces_of_increments_and_starts_know_no_motion_in_load_steps(step_syste
 
 @pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize(
-    "of_step",
+    "step_work",
     [
         lambda step: step.u0 + 0.1 * step.Du / step.dt,
         lambda step: step.u0 + step.Du + 0.1 * step.v,
@@ -281,7 +281,7 @@ def test_forces_of_increments_and_starts_know_no_motion_in_load_steps(step_syste
     ],
     ids=["start", "end", "start of the last step"],
 )
-def test_small_motions_see_forces_of_starts_and_ends_as_those_of_places(of_step, moves):
+def test_small_motions_see_forces_of_starts_and_ends_as_those_of_places(step_work, moves):
     def system(force, state=None):
         section = fb.Section(EA=3e3, GA=1.2e3, EI=20.0, rhoA=1.0, rhoI=0.01)
         scene, arm = clamped_bar((1, 0.3), section, elements=2, gravity=(0, -9.81))
@@ -290,7 +290,7 @@ def test_small_motions_see_forces_of_starts_and_ends_as_those_of_places(of_step,
         return fb.linearise(scene, state=motion).A, motion
 
     expected, motion = system(lambda step: step.u + 0.1 * step.v)
-    computed, _ = system(of_step, motion)
+    computed, _ = system(step_work, motion)
     assert abs(computed - expected).max() < 1e-6 * abs(expected).max()
     values = (np.sort_complex(np.linalg.eigvals(A)) for A in (computed, expected))
     assert next(values) == pytest.approx(next(values), rel=1e-4)

@@ -427,7 +427,7 @@ def test_a_scene_that_build_changes_in_more_than_numbers_is_refused():
 
 
 def cycle_of_van_der_pol(sense, c, unit, damped):
-    """That of x'' + s c x' (1 - 4 x^2) + x = 0, by a pull with or without a damper."""
+    """Scene of x'' + s c x' (1 - 4 x^2) + x = 0, by a pull with or without a damper."""
     laws = {"spring": fb.Spring(unit), "damper": fb.Damper(c * unit) if damped else None}
     scene, body, _ = guided_body((0, 0), unit, unit, **laws)
 

@@ -52,7 +52,7 @@ def reduces(x, y):
 
 
 def counts(x, y):
-    """The same, with a number for each place."""
+    """A load with a number for each place."""
     return 0.0, float(np.size(x))
 
 

@@ -172,7 +172,7 @@ def test_bad_places_and_missing_rates_are_refused():
 
 
 def test_a_scene_that_has_changed_since_does_not_change_them():
-    """What a solution has is that of the scene as it was, though they are computed when read."""
+    """A solution's forces are those of the scene as it was, though they are computed when read."""
     values = []
     for changes in (False, True):
         section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=0.01)

@@ -365,7 +365,7 @@ def test_a_motion_from_an_equilibrium_takes_its_derivatives_without_further_equi
 
 
 def test_a_start_that_goes_on_from_another_equilibrium():
-    """That of an elastic scene does not depend on the way; one that yields is differenced."""
+    """A start of an elastic scene does not depend on the way; one that yields is differenced."""
 
     def from_half(scene):
         half = fb.static(scene, load_steps=2)

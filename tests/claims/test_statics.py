@@ -148,7 +148,7 @@ def sprung(joint, spring, held=False, **axis):
 @WAYS
 @pytest.mark.parametrize("rest", [0.5, 2.5])
 def test_a_spring_without_load_turns_an_arm_to_its_rest(way, rest):
-    """What holds the spring as it is drawn fades with the load factor."""
+    """The force that holds the spring as it is drawn fades with the load factor."""
     scene, _, arm, _ = sprung(fb.Revolute, fb.Spring(5.0, rest))
     scene.add_force(arm.end, lambda t: (0.0, 3.0 * t))  # none at the time 0
     solution = fb.static(scene, continuation=way)

@@ -66,7 +66,7 @@ def test_sticking_and_slipping_is_of_first_order_against_the_exact_motion_with_t
 
 
 def rigid(t_end):
-    """The same of a friction without a spring: it sticks until the other forces reach its limit."""
+    """Motion with a friction without a spring: it sticks until the other forces reach its limit."""
     t, x, changes = 0.0, 0.0, []
     while True:
         times = np.arange(t, t_end, 1e-5)

@@ -17,7 +17,7 @@ ROPE = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
 
 
 def data(page):
-    """What the page holds."""
+    """Parts of the page."""
     return json.loads(
         re.search('<script type="application/json" id="data">(.*?)</script>', page.text)[1]
     )

@@ -146,7 +146,7 @@ def test_every_equation_of_the_paper_is_in_the_table():
 
 
 def test_formulas_have_braces_around_parts_of_fractions():
-    """What draws them reads two digits as one number."""
+    """A renderer reads two digits as one number."""
     for page in PAGES + DEMOS:
         for formula in itertools.chain(*pages.formulas(page)):
             assert not re.search(r"frac\s*\d", formula)

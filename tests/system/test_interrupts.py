@@ -173,7 +173,7 @@ RUNS = {
 
 
 class Alarm(BaseException):
-    """What another handler of signals may raise."""
+    """An error that another handler of signals may raise."""
 
 
 def alarm():

@@ -69,7 +69,7 @@ def library_in(folder):
 
 @pytest.fixture
 def compiled(monkeypatch):
-    """What is compiled, instead of taken from the cache."""
+    """Sources that are compiled, instead of taken from the cache."""
     names, built = [], library_cache._built
 
     def noted(place, name, builder):

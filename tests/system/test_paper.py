@@ -27,7 +27,7 @@ def looked_up(demo, path):
 
 
 def last_digit(printed):
-    """What one unit of the last digit of a printed number is worth."""
+    """Worth of one unit of the last digit of a printed number."""
     mantissa, _, exponent = printed.partition("e")
     _, _, decimals = mantissa.partition(".")
     return 10.0 ** (int(exponent or 0) - len(decimals))

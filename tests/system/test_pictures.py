@@ -84,7 +84,7 @@ def crane():
 
 
 def words(figure):
-    """What is written in the drawing."""
+    """Texts of the drawing."""
     return {text.get_text() for text in figure.axes[0].texts} - {""}
 
 

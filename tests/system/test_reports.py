@@ -113,7 +113,7 @@ def results(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def numbers(results):
-    """What the report has in the file of each example."""
+    """Numbers of the report in the file of each example."""
 
     def refuse(constant):
         raise AssertionError(f"{constant} is not JSON")

@@ -55,7 +55,7 @@ def extension(monkeypatch):
 
 @pytest.fixture
 def drawn(extension):
-    """What makes MathML of LaTeX."""
+    """Function that makes MathML of LaTeX."""
     return extension("mathml").block
 
 

@@ -164,7 +164,7 @@ def test_drift_needs_enough_errors(errors):
 
 @pytest.fixture(scope="module")
 def cells():
-    """Those of a stiff and of a very stiff pendulum."""
+    """Cells of a stiff and of a very stiff pendulum."""
     schemes = {"ours": fb.EnergyMomentum(), "theirs": fb.Newmark()}
     cases = [
         stability.Case("EA", f"{EA:g}", lambda EA=EA: pendulum(EA)[0], dt=0.1, t_end=5.0)

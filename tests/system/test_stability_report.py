@@ -15,7 +15,7 @@ NEWMARK, HHT = "Newmark (trapezoidal)", "HHT, alpha = -0.1"
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
-    """What the short form returns, and the directory with what it wrote."""
+    """Cells that the short form returns, and the directory with what it wrote."""
     directory = tmp_path_factory.mktemp("stability")
     with pytest.MonkeyPatch.context() as patch:
         for name in ("draw_map", "draw_summary"):

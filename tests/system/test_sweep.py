@@ -149,7 +149,7 @@ def test_what_processes_cannot_import_is_refused(monkeypatch):
 
 
 def said_by_two_ranks(tmp_path, text, *options):
-    """What a script writes that mpirun starts twice."""
+    """Text of a script that mpirun starts twice."""
     command = [*mpirun(2), sys.executable, *options]
     started = script(tmp_path, text, *command, stderr=subprocess.STDOUT)
     try:
