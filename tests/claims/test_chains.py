@@ -68,7 +68,7 @@ def accelerations(angles, rates, inertia):
 @pytest.mark.parametrize("inertia", [2e-3, 0.0])
 def test_a_long_chain_starts_with_the_accelerations_of_lagrange(inertia):
     n, rates = 40, np.random.default_rng(0).uniform(-1, 1, 40)
-    scene, _ = chain(n, along=(0.6, 0.8), inertia=inertia)
+    scene, _ = chain(n, direction=(0.6, 0.8), inertia=inertia)
     start = np.zeros(2)
     for body, rate in zip(scene.bodies, rates, strict=True):
         step = LENGTH * rate * np.array([-0.8, 0.6])

@@ -329,8 +329,6 @@ def test_steps_and_meshes_may_be_arrays():
         ({"meshes": [4, 8]}, "mesh = 4 must be a pair"),
         ({"finer": None}, "finer = None must be a pair of whole numbers"),
         ({"finer": (16, 3)}, r"finer = \(16, 3\) must be .* the second one even"),
-        ({"schemes": {"ours": fb.EnergyMomentum}}, "with brackets"),
-        ({"schemes": [fb.HHT(-0.1), fb.HHT(-0.3)]}, "several schemes are called HHT"),
         ({"repetitions": 0}, "repetitions = 0"),
         ({"exact": {"tap": 1.0}}, "'tap'"),
         ({"exact": {"tip": np.nan}}, "exact value of 'tip' is not a finite number"),
