@@ -103,7 +103,7 @@ class EqualUnknowns(SharedUnknowns):
         """Find the place in the reduced matrix of each entry of the scene's."""
         K, n = self._assembly.pattern.tocoo(), self.size
         rows, columns = self._unknown[K.row], self._unknown[K.col]
-        keys = np.where((rows < n) & (columns < n), rows * n + columns, n * n)
+        keys = np.where((rows < n) & (columns < n), rows.astype(int) * n + columns, n * n)
         places, self._place = np.unique(keys, return_inverse=True)
         places = places[places < n * n]
         starts = np.searchsorted(places, n * np.arange(n + 1))

@@ -17,7 +17,8 @@ from .form_tables import aligned_zeros
 from .model import Model, once, sizes_of
 
 # A state without anything, of which those that are read are made.
-_NOTHING = State(0.0, *[np.empty(0)] * 5)
+_EMPTY = np.empty(0)
+_NOTHING = State(t=0.0, motors=_EMPTY, q=_EMPTY, v=_EMPTY, a=_EMPTY, slides=_EMPTY)
 #: A copy of the memory, and of the numbers that go with it.
 StateCopy = tuple[np.ndarray, bytes]
 
