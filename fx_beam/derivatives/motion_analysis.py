@@ -32,7 +32,7 @@ from fx_beam.step.tape_derivatives import TapeDerivatives
 from .analysis import Analysis
 from .observation import rates_at
 from .output_kinds import needs_of
-from .output_values import Wanted, are_alike, recorded, row_values
+from .output_values import node_keys, recorded, row_values
 from .parametrised import Parametrised
 from .row_output import Needs
 from .static_derivatives import StaticDerivatives, why_not
@@ -58,9 +58,9 @@ class MotionAnalysis(Analysis):
         # Several processes have no derivatives.
         self._series = MotionSeries(memory)
         self._tape_derivatives: TapeDerivatives | None = None
-        # Outputs that were measured last, and those of them that are no functions.
-        self._known: dict[str, Wanted] = {}
+        # Outputs of the last run that are no functions, and where they are if all are of nodes.
         self._measured: list[Measured] = []
+        self._keys: list = []
         # The last run whose rows only this object has.
         self._last_run: Run | None = None
 
@@ -83,15 +83,15 @@ class MotionAnalysis(Analysis):
     def _begun(self, x: Any) -> Run:
         """A run of the scene of x that is to take its steps."""
         scene = self.parameters.take(x)
-        if not are_alike(self.outputs, self._known):
-            self._set_outputs()
+        if not (keys := node_keys(self.outputs)) or keys != self._keys:
+            self._set_outputs(keys)
         start, old, self._last_run = self._start_of(scene), self._last_run, None
         return self._series.begun(scene, self._options, start, old)
 
-    def _set_outputs(self) -> None:
+    def _set_outputs(self, keys: list) -> None:
         """Measure the outputs of the scene, and record what they need."""
-        record, last, self._known = self._record, self._options.record, self.outputs
-        self._measured = measured = self.measured
+        record, last = self._record, self._options.record
+        self._keys, self._measured = keys, (measured := self.measured)
         if len(measured) == len(self.outputs):  # functions may read all
             record = recorded(record, last, measured)
         if record is not last:
@@ -106,7 +106,7 @@ class MotionAnalysis(Analysis):
         if looks or options.tolerance is not None or options.record.times is not None:
             return {}
         y = {}
-        for name, measured in zip(self._known, self._measured, strict=True):
+        for name, measured in zip(self.outputs, self._measured, strict=True):
             if (rows := row_values(model, run.recorder, measured)) is None:
                 return {}
             y[name] = rows

@@ -30,21 +30,14 @@ def is_at_node(output: Wanted, scene: Scene) -> bool:
     return node.scene is scene and node.number not in scene.gone
 
 
-def are_alike(outputs: Mapping[str, Wanted], known: Mapping[str, Wanted]) -> bool:
-    """Whether outputs are those known, at nodes of the same numbers."""
-    if outputs.keys() != known.keys():
-        return False
+def node_keys(outputs: Mapping[str, Wanted]) -> list[tuple[str, str, str | None, int]]:
+    """Name, quantity, component and node of each output; empty if one is not of a node."""
+    keys = []
     for name, output in outputs.items():
-        other = known[name]
-        if not (isinstance(output, Output) and isinstance(other, Output)):
-            return False
-        if not (isinstance(node := output.of, Node) and isinstance(known_node := other.of, Node)):
-            return False
-        if (output.quantity, output.component) != (other.quantity, other.component):
-            return False
-        if node.number != known_node.number:
-            return False
-    return True
+        if not isinstance(output, Output) or not isinstance(node := output.of, Node):
+            return []
+        keys.append((name, output.quantity, output.component, node.number))
+    return keys
 
 
 def recorded(requested: Record, last: Record, measured: list[Measured]) -> Record:

@@ -28,6 +28,7 @@ from fx_beam.scene.loads import Load
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import Watch
 from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.inverted_sections import count_inverted
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
@@ -167,7 +168,8 @@ class LoadPath:
         recorder = Recorder(model, np.array([state.t for state in states]), Record())
         for state in turning:
             self.stepper.loop.record(state, recorder)
-            self.stepper.loop.inversion.check(state.t, state.q)
+            if model.forms.beams is not None and model.forms.beams.is_inverted(state.q):
+                count_inverted(model, stats, 1, state.t, state.q)
         # Load factors are no times: no step in time came before.
         loads, last = self.forcing.dead(turning[-1].t), replace(turning[-1], length=0.0)
         if self.forcing.turning is not None:

@@ -120,7 +120,8 @@ def data_of_beams(scene: Scene, mesh: Mesh, at_rest: bool) -> dict[str, MaybeDua
     data: dict[str, MaybeDual] = {}
     if not scene.beams:
         return data
-    degree, sections = scene.beams[0].degree, distinct(beam.section for beam in scene.beams)
+    sections = distinct([beam.section for beam in scene.beams])
+    degree = scene.beams[0].degree
     if any([section.strain_energy is None for section in sections]):
         data["stiffness"] = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
     if at_rest:
@@ -259,4 +260,4 @@ def check_shapes(kind: Kind, numbers: Mapping[str, MaybeDual]) -> None:
 
 def shapes_of(numbers: Mapping[str, MaybeDual]) -> tuple:
     """Numbers of points of data (cells, points, ...), and shapes of values, by name."""
-    return tuple((name, (x.shape[1], x.shape[2:])) for name, x in numbers.items())
+    return tuple([(name, (x.shape[1], x.shape[2:])) for name, x in numbers.items()])

@@ -252,7 +252,7 @@ class Followers:
         self._loads = [load for load in scene.loads if load.follower]
         self._level, self._arrays = level, scene.array_calls
         #: Whether all forces are constant in time.
-        self.constant = all(load.value.is_constant for load in self._loads)
+        self.constant = all([load.value.is_constant for load in self._loads])
 
     def __len__(self):
         return len(self._loads)

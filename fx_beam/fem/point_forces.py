@@ -212,6 +212,8 @@ class PointForces:
     def bind(self, forces: Sequence[PointForce], followers: Followers) -> None:
         """Set the numbers of all forces."""
         self.followers, old = followers, self.placed
+        if not old:
+            return
         self.placed = [x._replace(force=f) for x, f in zip(old, by_role(forces), strict=True)]
         for placed in self.placed:
             placed.numbers[:] = placed.force.numbers

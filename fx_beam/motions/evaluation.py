@@ -44,7 +44,6 @@ def solution_of(
     if the run has `ended`, and the scene does not if it `scene_stays` as it is until then.
     """
     model, scene, mesh = recorder.model, recorder.model.scene, recorder.model.mesh
-    # Fitted rates depend on the joints of the scene, which may be changed.
     later = ended and (scene_stays or not model.fits_rates)
     recorded = histories_of(recorder) if stored is None else stored
     histories: Mapping[str, Any] = recorded
@@ -53,8 +52,10 @@ def solution_of(
         if stats.until:  # its end is a row as well
             times = np.append(times[times < recorded["t"][-1]], recorded["t"][-1])
         histories, rows = at_times(model, recorded, times, breaks)
-    elif not later:
+    elif not ended:
         histories = dict(recorded)
+    elif not later:
+        recorded.fit()
     loaded_beams = model.data.loaded_beams
     spring_rows = histories["spring_internal"] if model.points.width else None
     beams = zip(scene.beams, mesh.cells, strict=True)

@@ -20,40 +20,27 @@ _INVERTED = (
 )
 
 
-class InversionCheck:
-    """Checks at the end of each step that no section of a beam is inverted."""
+def count_inverted(model: Model, stats: Stats, number: int, t: float, q: np.ndarray) -> None:
+    """Count steps with inverted sections; a warning reports the first, at t [s] or load factor.
 
-    def __init__(self, model: Model, stats: Stats):
-        self._model, self._stats, self._beams = model, stats, model.forms.beams
-        self.least_energy = _least_energy(model)
-
-    def check(self, t: float, q: np.ndarray) -> None:
-        """Check a state: time t [s] or load factor, displacements and rotations q (size,)."""
-        if self._beams is not None and self._beams.is_inverted(q):
-            self.count(1, t, q)
-
-    def count(self, number: int, t: float, q: np.ndarray) -> None:
-        """Count steps with inverted sections; a warning reports the first, at t."""
-        if not self._stats.inverted:
-            self._warn(t, q)
-        self._stats.inverted += number
-
-    def _warn(self, t: float, q: np.ndarray) -> None:
-        """Warn, with the beam and the position of the worst section."""
-        model, beams = self._model, self._beams
-        assert beams is not None  # sections are those of beams
-        stretch = beams.normal_stretch(q)
-        cell, point = np.unravel_index(np.argmin(stretch), stretch.shape)
-        number = model.mesh.beam_of_cell[cell]
-        beam, element = model.scene.beams[number], cell - model.mesh.cells[number][0]
-        start, end = beam.s[element : element + 2]
-        s = start + (end - start) * gauss_rule(beam.degree)[0][point]
-        time_name = "load factor" if self._stats.static else "t"
-        place = self._stats.scheme, beam.name, s, time_name, t
-        _log.warning(_INVERTED, *place, stretch[cell, point])
+    With the beam and the position of the worst section at displacements and rotations q (size,).
+    """
+    stats.inverted += number
+    if stats.inverted > number:
+        return
+    beams = model.forms.beams
+    assert beams is not None  # sections are those of beams
+    stretch = beams.normal_stretch(q)
+    cell, point = np.unravel_index(np.argmin(stretch), stretch.shape)
+    beam_number = model.mesh.beam_of_cell[cell]
+    beam, element = model.scene.beams[beam_number], cell - model.mesh.cells[beam_number][0]
+    start, end = beam.s[element : element + 2]
+    s = start + (end - start) * gauss_rule(beam.degree)[0][point]
+    place = stats.scheme, beam.name, s, "load factor" if stats.static else "t", t
+    _log.warning(_INVERTED, *place, stretch[cell, point])
 
 
-def _least_energy(model: Model) -> float:
+def least_energy(model: Model) -> float:
     """Lower bound of the strain energy of a Gauss point whose axial strain is -1 [J].
 
     It is EA/2 times the length of the Gauss point, here a smaller one; 0 for stored energies that

@@ -16,7 +16,7 @@ from fx_beam.results.state import State
 from .checkpoints import TakenSteps
 from .forcing import Forcing
 from .interrupts import NOTHING
-from .inverted_sections import InversionCheck
+from .inverted_sections import count_inverted, least_energy
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, RecordsInC, Rows
 from .step_failures import StepFailed, StepFailures
@@ -56,9 +56,7 @@ class CompiledLoop:
         self.forcing, self.stats = forcing, stats
         #: A block for what C does and what Python counts of it, which Ctrl-C does not divide.
         self.whole: AbstractContextManager[None] = NOTHING
-        #: Checks and counts states with inverted sections.
-        self.inversion = InversionCheck(self.model, stats)
-        self.problem.c.inverted.least_energy = self.inversion.least_energy
+        self.problem.c.inverted.least_energy = least_energy(self.model)
         stats.solver = stats.solver or f"compiled, {self.problem.storage.factors}"
 
     @property
@@ -192,7 +190,8 @@ class CompiledLoop:
         stats.too_large += counts.too_large
         stats.amplified += counts.amplified
         if counts.inverted:
-            self.inversion.count(counts.inverted, counts.inverted_t, self.problem.inverted_q)
+            inverted = counts.inverted, counts.inverted_t, self.problem.inverted_q
+            count_inverted(self.model, stats, *inverted)
         last = counts.by_round_off
         converged = counts.taken * self.problem.c.scheme.sub_steps - last
         for name, count in (("increment", converged), ("round-off", last)):

@@ -108,6 +108,11 @@ class RecordedHistories(Mapping):
     def _fitted(self) -> _ByName:
         return self._rows if self._fitted_rows is None else self._fitted_rows()
 
+    def fit(self) -> None:
+        """Fit the rates now: they depend on the joints of the scene, which may be changed."""
+        with self._model.forms.reading:
+            _ = self._fitted
+
     def _recorded(self, name: str) -> np.ndarray | None:
         if name not in self._rows:
             return None
@@ -149,7 +154,7 @@ class RecordedHistories(Mapping):
         model, forces = self._model, self._recorded("constraint_forces")
         if forces is None:
             forces = np.empty((0, *ROWS["constraint_forces"].lengths(once(model, sizes_of))))
-        return np.pad(forces, ((0, 0), (0, 1)))[:, model.force_columns[name]]
+        return np.append(forces, np.zeros((len(forces), 1)), axis=1)[:, model.force_columns[name]]
 
 
 # -- Rates that fit the joints, with the accelerations and forces that belong to them --------------

@@ -1,5 +1,6 @@
 """A motion as a function of numbers: these are set as by a new set-up, to the last digit."""
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -379,6 +380,32 @@ ELSEWHERE = pendulum([1, 1, 0])[1]
 )
 def test_errors_name_what_is_wrong(build, x, message):
     assert_refused(message, lambda: fb.Response(build, dt=0.01, t_end=0.05)(x))
+
+
+def calls_of(function, x):
+    """Number of calls of functions of Python in a call."""
+    events = []
+    sys.setprofile(lambda frame, event, argument: events.append(event))
+    try:
+        function(x)
+    finally:
+        sys.setprofile(None)
+    return events.count("call")
+
+
+def test_a_scene_of_a_known_structure_takes_few_calls():
+    def build(x):
+        section = fb.Section(EA=1e4 * x[0], GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.1)
+        scene = fb.Scene()
+        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=8)
+        scene.pin(bar.start)
+        scene.set_velocity(bar, lambda X, Y: (0.0, x[1] * X), spin=x[1])
+        return scene, {"end": fb.Output("position", bar.end)}
+
+    run, x = fb.Response(build, dt=0.01, t_end=0.5), np.ones(2)
+    for factor in (1.0, 1.1, 1.2):
+        run(factor * x)
+    assert calls_of(run, 1.3 * x) - calls_of(build, x) < 340
 
 
 def test_other_outputs_than_before_are_refused():
