@@ -36,7 +36,7 @@ class Analysis:
     t: np.ndarray
     #: The time of the loads of equilibria [s]; functions of time of the inputs of the scene.
     rest_time: float | None = None
-    inputs: Mapping[str, Any] | None = None
+    inputs: Mapping[str, object] | None = None
     #: Accelerations (size,) at the start, if an output has them.
     start_accelerations: np.ndarray | None = None
 

@@ -133,7 +133,7 @@ class Response(OfParameters):
         newton: NewtonOptions | None = None,
         max_halvings: int = 12,
         record: Record | None = None,
-        inputs: Mapping[str, Any] | None = None,
+        inputs: Mapping[str, object] | None = None,
         memory: float = LIMIT,
     ):
         check_takes(build, "x", "Response: build")

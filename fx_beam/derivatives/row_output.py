@@ -26,7 +26,7 @@ def place_of(name: str) -> str:
     return "place" + OF_OUTPUT + name
 
 
-def numbers_of_places(outputs: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
+def numbers_of_places(outputs: Mapping[str, Any], known: Mapping[str, object]) -> dict[str, object]:
     """Numbers of outputs at places, in the elements of those that are known."""
     numbers = {}
     for name, output in known.items():

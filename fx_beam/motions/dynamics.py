@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Scheme
@@ -126,7 +125,7 @@ def simulate(
     max_halvings: int = 12,
     record: Record | None = None,
     progress: bool | None = None,
-    inputs: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, object] | None = None,
     until: Condition | Mapping[str, Condition] | None = None,
     outputs: Mapping[str, Output] | None = None,
     changes: Mapping[str, Latch | Fuse] | None = None,

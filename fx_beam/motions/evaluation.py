@@ -33,7 +33,7 @@ def solution_of(
     breaks: Sequence[float] = (),
     ended: bool = False,
     scene_stays: bool = False,
-    stability: Mapping[str, Any] | None = None,
+    stability: Mapping[str, object] | None = None,
     stored: Any = None,
     rest: Rest | None = None,
 ) -> Solution:

@@ -463,7 +463,7 @@ def given_velocity(model: Model) -> Any:
 
 
 def rates_with_slopes(
-    model: Model, forcing: Forcing, state: State, dt: float, numbers: dict[str, Any], count: int
+    model: Model, forcing: Forcing, state: State, dt: float, numbers: dict[str, object], count: int
 ) -> Any:
     """Rates of a first state that fit the joints, with slopes by `count` parameters.
 

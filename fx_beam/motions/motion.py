@@ -185,7 +185,7 @@ class OpenMotion:
 
     # -- Steps --------------------------------------------------------------------------------
 
-    def step(self, inputs: Mapping[str, Any]) -> None:
+    def step(self, inputs: Mapping[str, object]) -> None:
         """Take a step with some new inputs."""
         if self._present_in_c is not self.now:
             self.settle()

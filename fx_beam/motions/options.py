@@ -37,12 +37,9 @@ _SHORTEST = 1e-10
 _LONGEST = 0.1
 
 #: A function of the time and of outputs by name.
-Condition = Callable[[float, dict[str, Any]], Any]
+Condition = Callable[[float, dict[str, np.ndarray]], object]
 #: Largest number of steps; their times alone take 0.8 GB.
 MOST_STEPS = 1e8
-# In the place of None.
-_DEFAULTS = {"scheme": EnergyMomentum(), "record": Record()}
-_NEWTON = NewtonOptions()
 _CONDITIONS = "a function of time and outputs, or a dictionary of such functions by names"
 
 
@@ -87,9 +84,9 @@ class CommonOptions:
     """
 
     what: str
-    newton: Any = None
+    newton: Any = NewtonOptions()
     progress: bool | None = None
-    inputs: Mapping[str, Any] | None = None
+    inputs: Mapping[str, object] | None = None
 
     @classmethod
     def among(cls, arguments: Mapping[str, Any], **replaced: Any) -> Self:
@@ -99,7 +96,7 @@ class CommonOptions:
 
     def __post_init__(self):
         if self.newton is None:
-            self.__dict__["newton"] = _NEWTON
+            self.__dict__["newton"] = CommonOptions.newton
         check_fields(self, self.what)
         self._require("newton", isinstance(self.newton, NewtonOptions), "an fx_beam.NewtonOptions")
         ok = self.progress is None or is_flag(self.progress)
@@ -115,21 +112,23 @@ class Options(CommonOptions):
     """The options of `simulate`; `Motion`, `Response` and others have a part of them."""
 
     what: str = "simulate"
-    scheme: Any = None
-    t_end: Any = math.nan
+    scheme: Any = EnergyMomentum()
+    t_end: float = math.nan
     dt: Any = None
-    tolerance: Any = None
-    dt_max: Any = None
+    tolerance: float | None = None
+    dt_max: float | None = None
     breaks: Sequence[float] = ()
     max_halvings: int = whole(0, MOST_HALVINGS, default=12)
-    record: Any = None
+    record: Any = Record()
     #: Conditions by name, also where a single one is given.
     until: Any = None
     outputs: Mapping[str, Output] | None = None
 
     def __post_init__(self):
         values, expected = self.__dict__, "given with a tolerance only"
-        values.update({name: preset for name, preset in _DEFAULTS.items() if values[name] is None})
+        for name in ("scheme", "record"):
+            if values[name] is None:
+                values[name] = getattr(Options, name)
         super().__post_init__()
         if not isinstance(self.scheme, Scheme):
             raise SceneError(
@@ -175,7 +174,7 @@ class Options(CommonOptions):
         return times, control
 
 
-def _time_grid(dt: Any, t_end: Any, t0: float, goes_on: bool) -> np.ndarray:
+def _time_grid(dt: float | None, t_end: float, t0: float, goes_on: bool) -> np.ndarray:
     """Ends of equal steps; a motion that goes on may end with a part of a step, as events do."""
     choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
     dt = positive(dt, "dt", f"a positive number{choice}")
@@ -194,7 +193,7 @@ def _time_grid(dt: Any, t_end: Any, t0: float, goes_on: bool) -> np.ndarray:
     return times
 
 
-def check_scene(scene: Any, caller: str) -> None:
+def check_scene(scene: object, caller: str) -> None:
     """Refuse what is no scene."""
     if not isinstance(scene, Scene):
         raise SceneError(f"{caller} needs an fx_beam.Scene, not {shown(scene)}")

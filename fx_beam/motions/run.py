@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -129,7 +129,7 @@ class Run:
                 warn_once(f"the record needs up to {size:.3g} GB. Use Record(every=...) for less")
             recorder = Recorder(model, times, record)
         self.recorder: Recorder = recorder
-        self._files: Any = None
+        self._files: RowFiles | None = None
         if has_file:
             from .row_files import RowFiles
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Hashable
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.scene import Scene
@@ -15,7 +15,19 @@ from fx_beam.step.model import Model
 from .surroundings import call_with_arrays
 
 
-class SetUps:
+class SetUp(Protocol):
+    """What serves one scene after the other."""
+
+    @property
+    def size(self) -> int:
+        """Number of degrees of freedom."""
+
+
+T = TypeVar("T", bound=SetUp)
+V = TypeVar("V")
+
+
+class SetUps(Generic[T]):
     """Set-ups that wait for scenes, by kind; the earliest go beyond a size and a number.
 
     `size` is the sum of their degrees of freedom. Threads may share a cache.
@@ -24,12 +36,12 @@ class SetUps:
     def __init__(self, size: float = math.inf, most: int = 8):
         self.size, self._most = size, most
         # Kinds and set-ups that wait, the earliest first.
-        self._waiting: list[tuple[Hashable, Any]] = []
+        self._waiting: list[tuple[Hashable, T]] = []
         #: Kinds and leased set-ups, by ids of set-ups. They are referenced here, or else garbage
         #: collection could close the libraries of a set-up that a lease returns a moment later.
-        self.leased: dict[int, tuple[Hashable, Any]] = {}
+        self.leased: dict[int, tuple[Hashable, T]] = {}
 
-    def lease(self, kind: Hashable, bind: Callable[[Any], None], make: Callable[[], Any]) -> Lease:
+    def lease(self, kind: Hashable, bind: Callable[[T], None], make: Callable[[], T]) -> Lease[T]:
         """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
         for entry in self._waiting[::-1]:
             if entry[0] == kind and self._take(entry):
@@ -42,7 +54,7 @@ class SetUps:
         reason = "the last solution is still in use" if is_used else "the first scene"
         return Lease(self, kind, make(), reason)
 
-    def _take(self, entry: tuple[Hashable, Any]) -> bool:
+    def _take(self, entry: tuple[Hashable, T]) -> bool:
         """Take out what waits; False if another thread was first."""
         try:
             self._waiting.remove(entry)
@@ -50,7 +62,7 @@ class SetUps:
             return False
         return True
 
-    def end(self, set_up: Any) -> None:
+    def end(self, set_up: T) -> None:
         """Let a set-up wait for the next scene, if it is not too large."""
         entry, waiting = self.leased.pop(id(set_up)), self._waiting
         if set_up.size <= self.size:
@@ -61,10 +73,10 @@ class SetUps:
             del waiting[:1]
 
 
-class Lease:
+class Lease(Generic[T]):
     """A set-up for one user; it returns to its cache as soon as no object has the lease."""
 
-    def __init__(self, cache: SetUps, kind: Hashable, set_up: Any, reason: str = ""):
+    def __init__(self, cache: SetUps[T], kind: Hashable, set_up: T, reason: str = ""):
         self._cache, self._is_over = cache, False
         #: What is leased, and why it was set up anew; empty if it was not.
         self.set_up, self.reason = set_up, reason
@@ -78,19 +90,19 @@ class Lease:
 
     __del__ = end
 
-    def reads(self, function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def reads(self, function: Callable[[str], V]) -> Callable[[str], V]:
         """A function that reads the set-up, and has the lease as long as it lives."""
         return functools.partial(self._read, function)
 
-    def _read(self, function: Callable[[Any], Any], value: Any) -> Any:
-        return function(value)
+    def _read(self, function: Callable[[str], V], name: str) -> V:
+        return function(name)
 
 
 #: Set-ups of all that is called by itself, from any thread.
-RECENT = SetUps(size=25_000)
+RECENT: SetUps[Any] = SetUps(size=25_000)
 
 
-def kind_of(scene: Scene, *kind: Any) -> Hashable:
+def kind_of(scene: Scene, *kind: object) -> Hashable:
     """A kind of set-ups for scenes with as many parts."""
     return *kind, len(scene.nodes), len(scene.beams), len(scene.joints), len(scene.bodies)
 
@@ -102,7 +114,9 @@ def bind(model: Model, scene: Scene) -> None:
     model.bind(data_of(model, scene))
 
 
-def model_for(scene: Scene, scheme: Scheme, last: Lease | None = None, **kind: bool) -> Lease:
+def model_for(
+    scene: Scene, scheme: Scheme, last: Lease[Model] | None = None, **kind: bool
+) -> Lease[Model]:
     """The lease of a model for a scene: the `last` one if its owner has it for this structure."""
     call_with_arrays(scene)
     if last is not None:

@@ -136,7 +136,7 @@ class CompiledLoop:
         """Find increments of sub-steps by a function, ``find`` of c/problem.h."""
         keep = weakref.ref(self)
 
-        def fail(kind: type, error: BaseException, trace: Any) -> None:
+        def fail(kind: type, error: BaseException, trace: object) -> None:
             loop = keep()
             if loop is not None:
                 loop._error = error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -105,7 +105,7 @@ class Model:
         #: Why the scene without loads is a mechanism; empty if it is none.
         self.mechanism = ""
         #: What is made of it once: problems in C by what they are for, and results of functions.
-        self.problems: dict[Any, Any] = {}
+        self.problems: dict[Hashable, Any] = {}
         if not part:
             self._check_mechanism()
 

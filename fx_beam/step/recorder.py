@@ -19,6 +19,7 @@ from .model import Model, once, widths_of
 
 if TYPE_CHECKING:
     from .tables import Problem
+    from .tape import Tape
 
 # What may be recorded.
 _KINDS = "motion", "rates", "forces"
@@ -170,7 +171,7 @@ class NullRecorder:
     """In place of a `Recorder`, for trial steps."""
 
     #: The tape of a trial step, if it has one.
-    tape: Any = None
+    tape: Tape | None = None
     grid = StepGrid(np.iinfo(np.int32).max)
     rows = plans = 0
     end: Any = None
@@ -182,7 +183,7 @@ class NullRecorder:
         """Whether starts are stored: never."""
         return False
 
-    def make_room(self, *_: Any, **options: Any) -> None:
+    def make_room(self, *_: object, **options: object) -> None:
         """Nothing."""
 
     plan = miss = truncate = make_room

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -80,7 +79,7 @@ class CompiledSingleSteps:
         self._known = no_inputs(1), 0
         self._loop.state.load(state)
 
-    def take(self, number: int, t0: float, grid: Callable[..., Any], recorder: Rows) -> bool:
+    def take(self, number: int, t0: float, grid: Callable[..., np.ndarray], recorder: Rows) -> bool:
         """Whether a step from t0 [s] succeeds; otherwise the state is that before it.
 
         The grid has the ends of steps by their numbers.
@@ -118,7 +117,7 @@ class CompiledSingleSteps:
         self._rows.complete = recorder.starts.before_row(recorder.rows)
         return self._rows
 
-    def _evaluate(self, t0: float, grid: Callable[..., Any], number: int) -> None:
+    def _evaluate(self, t0: float, grid: Callable[..., np.ndarray], number: int) -> None:
         """Evaluate the functions of time for a step and its number; for some steps at once."""
         known, first = self._known
         if (number - first) * self._p.scheme.sub_steps >= len(known.driven):

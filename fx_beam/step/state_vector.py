@@ -74,7 +74,7 @@ class StateVector:
         #: The state that is in the memory; None where steps, or others, have changed it since.
         self.present: State | None = None
         #: Members of the structs in C.
-        self.members: dict[str, dict[str, Any]] = {
+        self.members: dict[str, dict[str, object]] = {
             "state": {"memory": self.memory, "size": len(self.memory), **state_arrays},
             "predictor": {name: arrays[name] for name in past},
             "control": {name: arrays[f"error_{name}"] for name in errors},
@@ -113,7 +113,7 @@ class StateVector:
         """A copy of the state, at the time t [s]."""
         numbers = self._c.state
         names = self._readable[(numbers.steps_done > 0) * (1 + bool(numbers.forces_found))]
-        values: dict[str, Any] = {name: self.arrays[name].copy() for name in names}
+        values: dict[str, object] = {name: self.arrays[name].copy() for name in names}
         for name in NUMBERS:
             values[name] = getattr(numbers, name)
         values["t"], values["motors"] = t, self._driven[len(self._model.prescribed) :].copy()

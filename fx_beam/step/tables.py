@@ -192,7 +192,7 @@ class Problem:
         """The library of the derivatives of steps, backwards ("VJP") or forwards ("JVP")."""
         return load_library(self.storage.features, way)[1]
 
-    def set(self, **values: Any) -> None:
+    def set(self, **values: object) -> None:
         """Set members of the struct by name, as `Structs.set`."""
         self.structs.set(self.c, **values)
 
@@ -276,12 +276,12 @@ class Problem:
         return self.results(force=n, dead=n, natural_end=natural.size if natural else 0)
 
 
-def _points(storage: TangentStorage) -> dict[str, Any]:
+def _points(storage: TangentStorage) -> dict[str, object]:
     """Forces at points, and parameters, by the names in c/problem.h."""
     model, points, stored_at = storage.model, storage.model.points, storage.stored_at
-    point_members: dict[str, Any] = {"spring_width": points.width}
+    point_members: dict[str, object] = {"spring_width": points.width}
     point_members["friction_follows"] = len(points.followed) > 0
-    tables: dict[str, Any] = {"at_points": point_members, "points": [{}]}
+    tables: dict[str, object] = {"at_points": point_members, "points": [{}]}
     tables["newton"] = {"may_overshoot": model.kinks.overshoot}
     if len(parameters := model.forms.parameters):
         tables["parameters"] = {
@@ -304,7 +304,7 @@ def _points(storage: TangentStorage) -> dict[str, Any]:
     return tables
 
 
-def _scheme(storage: TangentStorage) -> dict[str, Any]:
+def _scheme(storage: TangentStorage) -> dict[str, object]:
     """The scheme, by the names in c/problem.h."""
     model, kind = storage.model, storage.kind
     rates, fractions = model.scheme.rates, model.scheme.fractions
@@ -322,7 +322,7 @@ def _scheme(storage: TangentStorage) -> dict[str, Any]:
     return scheme
 
 
-def _motors(model: Model) -> dict[str, Any]:
+def _motors(model: Model) -> dict[str, object]:
     """Driven motions, by the names in c/problem.h."""
     prescribed, motors = [*model.prescribed], model.data.motors
     return {
@@ -333,7 +333,7 @@ def _motors(model: Model) -> dict[str, Any]:
     }
 
 
-def _passes(model: Model) -> dict[str, Any]:
+def _passes(model: Model) -> dict[str, object]:
     """How forces on nodes pass through joints of trees, from the leaves to the roots.
 
     The force of a joint on b is the sum of those on all nodes that follow through it.
