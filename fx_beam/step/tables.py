@@ -353,4 +353,4 @@ def _passes(model: Model) -> dict[str, object]:
     columns = np.array(sums, dtype=int).reshape(-1, 4).T
     tables = dict(zip(("dof", "to", "of", "sign"), columns, strict=True))
     joints = model.scene.joint_count
-    return {"joints": joints, "count": len(sums), "of_forces": counts[2], **tables}
+    return {"joints": joints, "count": len(sums), "force_count": counts[2], **tables}

@@ -54,7 +54,7 @@ class TapeDerivatives:
         slopes = np.array([law.slopes_address for law in laws] or [0], np.uintp)
         numbers = [law.law.numbers for law in laws] or [0]
         most = max((law.slopes_size for law in laws), default=0)
-        self._structs.set(self.c, slopes=slopes, numbers=numbers, of_point=np.zeros(most + 1))
+        self._structs.set(self.c, slopes=slopes, numbers=numbers, point_slopes=np.zeros(most + 1))
         self._structs.set(self.c, point_numbers=sum(numbers))
         members = problem.model.points.members
         if members is not None:
@@ -113,8 +113,8 @@ class TapeDerivatives:
         x, unknown_values = aligned_zeros(layout.size), np.zeros(self.problem.c.free)
         step_rows, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
         structs = Structs(self.problem.ffi)
-        arrays = {"x": x, "sizes": np.zeros(count), "of_steps": never_empty(step_rows)}
-        structs.set(self.c, **arrays, by_unknowns=unknown_values, share=shares)
+        arrays = {"x": x, "sizes": np.zeros(count), "step_slopes": never_empty(step_rows)}
+        structs.set(self.c, **arrays, unknown_slopes=unknown_values, share=shares)
         end_members = ends.members(boundaries[1:], count + 1, end_rows, rows)
         forces = layout.equations.members(boundaries[:-1], count, equation_rows, rows)
         self._follow("VJP", tape, end_members, forces)
@@ -147,8 +147,8 @@ class TapeDerivatives:
         structs = Structs(self.problem.ffi)
         # Sizes of the derivatives by the rates at the starts of all sub-steps.
         sizes = np.zeros(count)
-        arrays = {"x": x, "sizes": sizes, "of_steps": never_empty(step_rows)}
-        structs.set(self.c, **arrays, by_unknowns=0)
+        arrays = {"x": x, "sizes": sizes, "step_slopes": never_empty(step_rows)}
+        structs.set(self.c, **arrays, unknown_slopes=0)
         _reversals = self._with_reversals(tape)
         left_over: np.ndarray | None = None
         for part in tape.parts(self.problem, backwards=True):
@@ -236,7 +236,7 @@ class TapeDerivatives:
         count = len(next(iter(changes.values())))
         x = self.layout.vector(changes, self.numbers, count)
         step_rows = _changes_of_steps(self.layout, changes, count, len(tape))
-        _arrays = self._begin_jvp(changes, x, step_rows, directions=count, by_unknowns=0)
+        _arrays = self._begin_jvp(changes, x, step_rows, directions=count, unknown_slopes=0)
         _reversals = self._with_reversals(tape)
         states, forces = self.layout.states.only(entries), self.layout.forces
         for part in tape.parts(self.problem):
@@ -273,7 +273,7 @@ class TapeDerivatives:
         forces = self.layout.equations.members(boundaries[:-1], len(tape), force_rows, rows)
         row_of = rows if self.places_depend else np.full(len(rows), -1)
         ends = self.layout.ends.members(boundaries[1:], len(tape) + 1, end_rows, row_of)
-        arguments = {"directions": count, "by_unknowns": np.zeros(1), "share": shares}
+        arguments = {"directions": count, "unknown_slopes": np.zeros(1), "share": shares}
         _arrays = self._begin_jvp(changes, x, step_rows, **arguments)
         self._follow("JVP", tape, ends, forces)
         return force_rows, end_rows
@@ -287,7 +287,7 @@ class TapeDerivatives:
         masses = np.zeros(len(x), int)
         for name in changes.keys() & {"mass", "weight"}:
             masses[nonzero_rows(changes[name]) // x.shape[2]] = 1
-        structs.set(self.c, of_steps=never_empty(steps), x=x, changes_mass=masses, **members)
+        structs.set(self.c, step_slopes=never_empty(steps), x=x, changes_mass=masses, **members)
         return structs
 
     def _follow(self, way: str, tape: Tape, states: Members, forces: Members) -> None:

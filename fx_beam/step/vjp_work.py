@@ -50,7 +50,7 @@ class VjpWork:
     def first_members(self) -> Members:
         """Members of ``Vjp`` of c/problem.h that the layout of the vector needs."""
         has_previous = int("q_previous" in self._sizes)
-        return {"of_element": sum(self._local.values()), "q_previous": has_previous}
+        return {"element_numbers": sum(self._local.values()), "q_previous": has_previous}
 
     def compiled(self, has_places: bool) -> tuple[list[tuple[str, int]], Kernel, Members]:
         """Names of derivatives, each by a weight, and their forms, also as a table for C."""
@@ -82,7 +82,7 @@ class VjpWork:
             "slopes": table,
             "blocks": sum(-(-len(chosen) // lanes) for chosen in cells),
             "numbers": first[-1],
-            "of_state": sum(self._sizes[name] for name in self._sizes.keys() & state_names),
+            "state_numbers": sum(self._sizes[name] for name in self._sizes.keys() & state_names),
             "weights": sum(widths),
             "slope_numbers": piece_start[-1],
             "pieces": len(pieces),

@@ -37,8 +37,8 @@ static void begin_vjp(const Problem *p, const Work *w, const Derivatives *a, con
   memset(x + at->natural, 0, (at->loads - at->natural) * sizeof(double));
   for (int i = 0; i < p->mesh.massless_count; ++i) v[p->mesh.massless[i]] /= 2;
   for (int i = 0; i < n; ++i) {
-    double of_path = per_dt * w->slope[i] * v[i];
-    q1[i] = q[i] + of_path, q[i] = previous[i] - of_path, previous[i] = 0, v[i] = -v[i];
+    double path_slope = per_dt * w->slope[i] * v[i];
+    q1[i] = q[i] + path_slope, q[i] = previous[i] - path_slope, previous[i] = 0, v[i] = -v[i];
   }
   for (int i = 0; i < p->mesh.massless_count; ++i) v[p->mesh.massless[i]] = 0;
 }
@@ -114,34 +114,34 @@ static int vjp_step(Problem *p, Work *w, const Derivatives *a, Linear *l, const 
   const Layout *at = &l->at;
   const double *row = tape->row + number * tape->size;
   long k = tape->first + number, steps = at->Y1 - at->loads;
-  int forces = !a->by_unknowns && (a->forces.at[k] >= 0 || p->at_points.friction_follows);
-  int closes = HAS(LOOPS) && a->by_unknowns && p->loops.closures;
-  int whole = forces || closes || (!a->by_unknowns && (p->internal.per_cell || p->at_points.spring_width));
+  int forces = !a->unknown_slopes && (a->forces.at[k] >= 0 || p->at_points.friction_follows);
+  int closes = HAS(LOOPS) && a->unknown_slopes && p->loops.closures;
+  int whole = forces || closes || (!a->unknown_slopes && (p->internal.per_cell || p->at_points.spring_width));
   double *x = a->x, *trial = l->trial;
   long size = (at->size - at->Y) * sizeof(double);
   l->step = k;
-  if (!begin_linearised(p, w, a, l, row, forces, k == 0 || a->by_unknowns, whole)) return 0;
+  if (!begin_linearised(p, w, a, l, row, forces, k == 0 || a->unknown_slopes, whole)) return 0;
   begin_vjp(p, w, a, at, k, x);
   begin_forces(a, at, k, x);
-  if (!a->by_unknowns)
+  if (!a->unknown_slopes)
     if (!(p->at_points.friction_follows ? vjp_followed(p, w, a, l, row, k, x) : vjp_solution(p, w, a, l, whole, x)))
       return 0;
   if (closes) memcpy(trial + at->Y, x + at->Y, size), vjp_laws(p, w, a, l, trial, 0);
   if (closes) vjp_closures(p, w, at->Y1, trial, x + at->closures);
   vjp_laws(p, w, a, l, x, 1);
   for (int i = 0; i < l->following.size; ++i) x[a->followed[i]] = 0; /* but a first trial */
-  memcpy(a->of_steps + k * steps, x + at->loads, steps * sizeof(double));
+  memcpy(a->step_slopes + k * steps, x + at->loads, steps * sizeof(double));
   a->sizes[k] = sqrt(dot(p->dofs, x + at->v, x + at->v));
-  if (k && !a->by_unknowns) return 1;
+  if (k && !a->unknown_slopes) return 1;
   if (k == 0) add_given(&a->states, 0, 1, x);
   memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(double));
   memset(x + at->closures, 0, p->loops.closures * sizeof(double));
   if (closes) memcpy(trial + at->Y, x + at->Y, size), vjp(l->of + BEGUN, trial);
   if (closes && begin_loops(p, w)) vjp_closures(p, w, at->Y, trial, x + at->closures);
   vjp(l->of + BEGUN, x);
-  if (!a->by_unknowns) return 1;
-  for (int i = 0; i < p->free; ++i) a->by_unknowns[i] += x[at->Y + i] + x[at->Y1 + i];
-  for (int i = 0; i < p->driven; ++i) a->of_steps[k * steps + at->driven - at->loads + i] += x[at->Y + p->free + i];
+  if (!a->unknown_slopes) return 1;
+  for (int i = 0; i < p->free; ++i) a->unknown_slopes[i] += x[at->Y + i] + x[at->Y1 + i];
+  for (int i = 0; i < p->driven; ++i) a->step_slopes[k * steps + at->driven - at->loads + i] += x[at->Y + p->free + i];
   return 1;
 }
 
@@ -151,7 +151,7 @@ KEPT long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a) {
   Linear l;
   long left = tape->rows;
   begin_linear(p, w, a, &l);
-  w->transposed = 1, w->by_slopes = p->internal.per_cell || a->by_unknowns, l.following.size = p->points->followed.size;
+  w->transposed = 1, w->slopes_only = p->internal.per_cell || a->unknown_slopes, l.following.size = p->points->followed.size;
   for (; left; --left) {
     if (tape->apart) memset(a->x + l.at.Y, 0, (l.at.v - l.at.Y) * sizeof(double));
     if (!vjp_step(p, w, a, &l, tape, left - 1)) break;

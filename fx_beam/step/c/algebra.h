@@ -47,11 +47,11 @@ INLINED void multiply_mass(const Problem *p, const double *restrict x, double *r
   for (int i = 0; i < p->mesh.nodes; ++i, out += 3) {
     Four sum = {0};
     for (const int *last = p->mass.dof + end[i]; dof < last; ++dof, mass += 3, at += 3) {
-      Four of_pair = load(mass);
-      sum += of_pair * load(x + *dof);
+      Four pair_mass = load(mass);
+      sum += pair_mass * load(x + *dof);
       if (!K) continue;
-      of_pair *= steep * load(slope + *dof);
-      K[at[0]] = of_pair[0], K[at[1]] = of_pair[1], K[at[2]] = of_pair[2];
+      pair_mass *= steep * load(slope + *dof);
+      K[at[0]] = pair_mass[0], K[at[1]] = pair_mass[1], K[at[2]] = pair_mass[2];
     }
     put_three(sum, out);
   }

@@ -17,7 +17,7 @@ typedef struct { int from, to; double slope; } Entry;
    `values`, or 1 for copies. */
 typedef struct {
   Entry *entry; long count, room; const int *from, *to, *value; const double *sign, *values;
-  int from_array, to_array; /* where the arrays of `from` and `to` begin */
+  int source_array, target_array; /* where the arrays of `from` and `to` begin */
   int lacks_memory;
 } Block;
 
@@ -38,13 +38,13 @@ static inline void put(Block *b, int from, int to, double slope) {
 static inline double slope_in(const Block *b, long k) { return b->value ? b->sign[k] * b->values[b->value[k]] : 1; }
 
 static void jvp(const Block *b, Changes *x) {
-  Changes *to = x + b->to_array, *from = x + b->from_array;
+  Changes *to = x + b->target_array, *from = x + b->source_array;
   if (b->from) for (long k = 0; k < b->count; ++k) to[b->to[k]] += slope_in(b, k) * from[b->from[k]];
   else for (const Entry *e = b->entry; e < b->entry + b->count; ++e) x[e->to] += e->slope * x[e->from];
 }
 
 static void vjp(const Block *b, double *x) {
-  double *to = x + b->to_array, *from = x + b->from_array;
+  double *to = x + b->target_array, *from = x + b->source_array;
   if (b->from) for (long k = b->count; k-- > 0;) from[b->from[k]] += slope_in(b, k) * to[b->to[k]];
   else for (const Entry *e = b->entry + b->count; e-- > b->entry;) x[e->from] += e->slope * x[e->to];
 }
@@ -71,7 +71,7 @@ KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   ARRAY(natural_columns, p->natural.count ? p->natural.start[p->natural.count] : 0), ARRAY(offset, 2 * joints);
   ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(gears, p->gears.count / 2 * 3), ARRAY(places, 3 * p->sliders.count), ARRAY(paths, p->sliders.path_numbers);
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
-  ARRAY(internal_forces, p->cells * a->internal_forces.of_element), ARRAY(drag, p->cells * a->drag.of_element);
+  ARRAY(internal_forces, p->cells * a->internal_forces.element_numbers), ARRAY(drag, p->cells * a->drag.element_numbers);
   ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n);
   ARRAY(natural, natural), ARRAY(internal, internal), ARRAY(spring_internal, p->at_points.spring_width);
   ARRAY(loads, 2 * p->loads.count), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->loads.follower_forces);

@@ -69,9 +69,9 @@ static void turn_beams(const Problem *p, const Work *w) {
   for (int i = 0; i < p->sliders.count; ++i) {
     Slider *a = p->sliders.slider + i;
     int turns = 2 * a->width, node = a->first;
-    find_second(a, &a->of_force);
+    find_second(a, &a->second_slopes);
     for (; a->components == 3 && turns < 3 * a->width; ++turns, ++node)
-      w->tangent[a->turn_stored_at[node]] += a->of_force.turn[turns];
+      w->tangent[a->turn_stored_at[node]] += a->second_slopes.turn[turns];
   }
 }
 
@@ -80,22 +80,22 @@ static void turn_beams(const Problem *p, const Work *w) {
 static void bordering_slider(const Problem *p, const Work *w, Slider *a) {
   int n = a->width, m = a->components, force = ON_BORDER - a->bordering_row, product = force - m;
   int row_s = p->system.row_of[a->column], column_s = p->system.unknown_of[a->column];
-  const Second *h = &a->of_force;
+  const Second *h = &a->second_slopes;
   for (int l = 0; l < m * n; ++l) {
     int dof = 3 * (a->first + l % n) + l / n;
     for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e) {
       int column = a->part_column[e];
-      double of_T = a->part_sign[e] * w->values[a->part_value[e]];
-      double of_virtual = a->part_sign[e] * w->virtual_map[a->part_value[e]];
+      double T_slope = a->part_sign[e] * w->values[a->part_value[e]];
+      double virtual_slope = a->part_sign[e] * w->virtual_map[a->part_value[e]];
       for (int c = 0; c < m; ++c) {
-        add_at(p, w, force - c, p->system.unknown_of[column], -of_T * a->T[c][l]);
-        add_at(p, w, p->system.row_of[column], force - c, -of_virtual * a->virtual_map[c][l]);
+        add_at(p, w, force - c, p->system.unknown_of[column], -T_slope * a->T[c][l]);
+        add_at(p, w, p->system.row_of[column], force - c, -virtual_slope * a->virtual_map[c][l]);
       }
-      add_at(p, w, p->system.row_of[column], column_s, of_virtual * h->by_s[l]);
-      add_at(p, w, row_s, p->system.unknown_of[column], of_T * h->of_s[l]);
+      add_at(p, w, p->system.row_of[column], column_s, virtual_slope * h->arc_slopes[l]);
+      add_at(p, w, row_s, p->system.unknown_of[column], T_slope * h->force_slopes[l]);
       for (int r = 0; r < a->products; ++r) {
-        add_at(p, w, p->system.row_of[column], product - r, of_virtual * h->left[r][l]);
-        add_at(p, w, product - r, p->system.unknown_of[column], of_T * h->right[r][l]);
+        add_at(p, w, p->system.row_of[column], product - r, virtual_slope * h->left[r][l]);
+        add_at(p, w, product - r, p->system.unknown_of[column], T_slope * h->right[r][l]);
       }
     }
   }

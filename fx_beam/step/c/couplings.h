@@ -41,8 +41,8 @@ static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, dou
   Two bent = (end ? w->half_turn[j] : -w->half_turn[j]) * pair(w->virtual_map + 3 + 4 * j);
   double d0 = at(p->state.slides, p->joints.number[j]), d1 = d0 + at(w->z, p->joints.slide_column[j]);
   Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
-  Two of_end = pair(frame + 2 * end), between = shares[0] * pair(frame) + shares[1] * pair(frame + 2);
-  Two chord = turn_by(of_end, track.chord), bend = turn_by(p->scheme.rule == 0 ? between : 2 * share * of_end, track.bend);
+  Two end_frame = pair(frame + 2 * end), between = shares[0] * pair(frame) + shares[1] * pair(frame + 2);
+  Two chord = turn_by(end_frame, track.chord), bend = turn_by(p->scheme.rule == 0 ? between : 2 * share * end_frame, track.bend);
   by[1][0] = -share * values[3], by[1][1] = share * values[2];
   by[0][2] = bent[0] - slope * share * chord[1], by[0][3] = bent[1] + slope * share * chord[0];
   by[1][2] = slope * bend[0], by[1][3] = slope * bend[1];
@@ -174,29 +174,29 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
 static const double *with_carried(const Problem *p, const Work *w) { return p->sliders.count ? w->loaded : w->r; }
 
 /* Adds forces on nodes to those of the joints through which they pass, and to the leading nodes. */
-static void pass_forces(const Problem *p, int first, int end, double *on_nodes, double *on_joints) {
+static void pass_forces(const Problem *p, int first, int end, double *node_forces, double *joint_sums) {
   for (int k = first; k < end; ++k) {
-    double force = on_nodes[p->passes.dof[k]];
-    on_joints[p->passes.of[k]] += p->passes.sign[k] * force;
-    if (p->passes.to[k] >= 0) on_nodes[p->passes.to[k]] += force;
+    double force = node_forces[p->passes.dof[k]];
+    joint_sums[p->passes.of[k]] += p->passes.sign[k] * force;
+    if (p->passes.to[k] >= 0) node_forces[p->passes.to[k]] += force;
   }
 }
 
 /* Forces of the joints on b, but for their moments, after `project` of the last residual; those on nodes are in `passed`. */
 static void pass_through_joints(const Problem *p, const Work *w) {
-  double *on_nodes = memcpy(w->passed, with_carried(p, w), p->dofs * sizeof(double));
+  double *node_forces = memcpy(w->passed, with_carried(p, w), p->dofs * sizeof(double));
   memset(w->joint_forces, 0, 3 * p->passes.joints * sizeof(double));
   for (int k = 0; HAS(LOOPS) && k < p->loops.closures; ++k) {
-    if (p->loops.b[k] >= 0) on_nodes[p->loops.b[k]] -= w->closing[k];
-    if (p->loops.a[k] >= 0) on_nodes[p->loops.a[k]] += w->closing[k];
+    if (p->loops.b[k] >= 0) node_forces[p->loops.b[k]] -= w->closing[k];
+    if (p->loops.a[k] >= 0) node_forces[p->loops.a[k]] += w->closing[k];
     w->joint_forces[p->loops.force[k]] += w->closing[k];
   }
   for (int t = 0; HAS(LOOPS) && t < p->gears.count; ++t) {
     double moment = w->virtual_map[value_of_term(p, t)] * w->closing[p->gears.closure[t]];
-    if (p->gears.b[t] >= 0) on_nodes[p->gears.b[t]] -= moment;
-    if (p->gears.a[t] >= 0) on_nodes[p->gears.a[t]] += moment;
+    if (p->gears.b[t] >= 0) node_forces[p->gears.b[t]] -= moment;
+    if (p->gears.a[t] >= 0) node_forces[p->gears.a[t]] += moment;
   }
-  pass_forces(p, 0, p->passes.of_forces, on_nodes, w->joint_forces);
+  pass_forces(p, 0, p->passes.force_count, node_forces, w->joint_forces);
 }
 
 /* Completes the reduced tangent, in the storage of its factors, after `project` of the residual. */

@@ -10,11 +10,11 @@ static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *elements
   evaluate(p, w, &elements->slopes, integral, block, to);
   for (int i = 0; i < elements->pieces; ++i) {
     int end = elements->end_of[i], weights = elements->piece_weights[i], n = elements->piece_numbers[i] * weights * LANES;
-    double *piece = to + elements->piece_start[i] * LANES, *by_end = end < 0 ? 0 : to + elements->piece_start[end] * LANES;
+    double *piece = to + elements->piece_start[i] * LANES, *end_slopes = end < 0 ? 0 : to + elements->piece_start[end] * LANES;
     if (i >= elements->made) memset(piece, 0, n * sizeof(double));
     else if (elements->weight_at[i])
       for (int k = 0; k < n; ++k) piece[k] *= p->internal.per_weight[k / LANES % weights];
-    for (int k = 0; by_end && k < n; ++k) piece[k] -= by_end[k];
+    for (int k = 0; end_slopes && k < n; ++k) piece[k] -= end_slopes[k];
   }
 }
 
@@ -38,8 +38,8 @@ static void add_slopes(const Problem *p, const Vjp *elements, const double *slop
   int n = p->mesh.cell_dofs;
   double A[12 * 12 * LANES];
   EACH_BLOCK(integral, block, &p->forms.internal_forces) {
-    const double *by_end = slopes + elements->piece_start[0] * LANES; /* [increment][force][lane] */
-    for (int k = 0; k < n * n; ++k) memcpy(A + k * LANES, by_end + (k % n * n + k / n) * LANES, LANES * sizeof(double));
+    const double *end_slopes = slopes + elements->piece_start[0] * LANES; /* [increment][force][lane] */
+    for (int k = 0; k < n * n; ++k) memcpy(A + k * LANES, end_slopes + (k % n * n + k / n) * LANES, LANES * sizeof(double));
     add_tangents(n, integral, block, A, K);
     slopes += elements->slope_numbers * LANES;
   }
@@ -53,7 +53,7 @@ static int has_constant_map(const Problem *p) {
 /* The forces of a sub-step of a tape, and its tangent, if these are read; returns 0 in a singular position. */
 static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *row, Linear *l) {
   double dt = row[1];
-  int unread = a->by_unknowns && has_constant_map(p); /* whether Jacobians are read, but no forces and no tangent */
+  int unread = a->unknown_slopes && has_constant_map(p); /* whether Jacobians are read, but no forces and no tangent */
   take_from_tape(p, w, row), stretch_bristles(p, a, l->step);
   w->dt = dt;
   begin_loads(p, w);
@@ -67,7 +67,7 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
   for (int i = 0; i < 2; ++i) begin_form(p, w, &work_of_elements(a, i)->slopes, p->state.t + p->scheme.level * dt);
   if (unread) work_increment(p, w), acceleration(p, w, dt), evaluate_nodes(p, w); else balance(p, w);
-  if (w->by_slopes && !a->by_unknowns) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);
+  if (w->slopes_only && !a->unknown_slopes) find_slopes(p, w, a, l), add_slopes(p, &a->internal_forces, l->slopes[0], w->tangent);
   if (p->at_points.friction_follows) set_axes(p, w);
   if (!l->adds) l->of[TOUCHED].count = 0;
   if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, a, &l->at, l->step);
@@ -102,7 +102,7 @@ static int begin_linearised(Problem *p, Work *w, const Derivatives *a, Linear *l
   if (!begin_taped(p, w, a, row, l)) return 0;
   linearise(p, w, a, l, forces, first);
   if (l->share) scale_entries(l->of + TOUCHED, touched, l->share), scale_entries(l->of + FORCED, forced, l->share);
-  if (store && (a->by_unknowns || !w->by_slopes)) find_slopes(p, w, a, l);
+  if (store && (a->unknown_slopes || !w->slopes_only)) find_slopes(p, w, a, l);
   l->stores = store;
   return 1;
 }
@@ -163,7 +163,7 @@ INLINED void vjp_cells(const Problem *p, const Work *w, const Vjp *elements, con
     for (int k = 0; k < elements->weights * LANES; ++k) ((double *)weight)[k] = x[to[k]];
     for (int i = 0; i < elements->pieces; ++i) {
       int internal = elements->weight_at[i], at = elements->number_at[i];
-      if (last || at < elements->of_state)
+      if (last || at < elements->state_numbers)
         add_transposed(elements->piece_numbers[i], internal ? elements->piece_weights[i] : weights, slopes + elements->piece_start[i] * LANES,
                        from + at * LANES, weight + internal * (LANES / 4), x);
     }
@@ -181,25 +181,25 @@ HOT void vjp_elements(const Problem *p, const Work *w, const Derivatives *a, con
 }
 
 /* Accelerations by places in a frame that turns. */
-static double by_places_in_turn(const Problem *p) { return p->scheme.at_rest ? -p->state.ratio * p->frame.spin_squared : 0; }
+static double turning_stiffness(const Problem *p) { return p->scheme.at_rest ? -p->state.ratio * p->frame.spin_squared : 0; }
 
 /* The derivatives of the forces of elements and of inertia, and of internal variables; with `last` also by numbers. */
 HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, double *x, int last) {
   const Layout *at = &l->at;
-  double per_dt = rates_per_path(p, w->dt), turning = by_places_in_turn(p);
+  double per_dt = rates_per_path(p, w->dt), turning = turning_stiffness(p);
   for (int i = 0; i < p->cells * p->internal.per_cell; ++i) x[at->internal + i] += x[at->internal1 + i];
   vjp_elements(p, w, a, l, last, x);
   for (int i = 0; last && i < p->dofs; ++i) x[at->weight + i] -= acting(p) * x[at->r + i];
   if (p->scheme.at_rest && !turning) return;
   times_mass(p, x + at->r, w->scratch);
   for (int i = 0; i < p->dofs; ++i) {
-    double by_increment = per_dt * per_dt / 2 * w->slope[i] * w->scratch[i];
-    x[at->q1 + i] += by_increment, x[at->q + i] -= by_increment, x[at->v + i] -= per_dt * w->scratch[i];
+    double increment_slope = per_dt * per_dt / 2 * w->slope[i] * w->scratch[i];
+    x[at->q1 + i] += increment_slope, x[at->q + i] -= increment_slope, x[at->v + i] -= per_dt * w->scratch[i];
   }
   for (int i = 0; turning < 0 && i < p->dofs; ++i) { /* in a frame that turns */
-    double by_place = turning * w->scratch[i];
-    x[at->q1 + i] += p->scheme.level * by_place, x[at->q + i] += (1 - p->scheme.level) * by_place,
-        x[at->member_places + i] += by_place;
+    double place_slope = turning * w->scratch[i];
+    x[at->q1 + i] += p->scheme.level * place_slope, x[at->q + i] += (1 - p->scheme.level) * place_slope,
+        x[at->member_places + i] += place_slope;
   }
   for (int node = 0; last && node < p->mesh.nodes; ++node)
     for (int k = p->mass.start[node]; k < p->mass.start[node + 1]; ++k)
@@ -208,7 +208,7 @@ HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const
 
 /* Sets the changes of the forces of inertia and weight. */
 HOT void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Changes *x) {
-  double per_dt = rates_per_path(p, w->dt), turning = by_places_in_turn(p);
+  double per_dt = rates_per_path(p, w->dt), turning = turning_stiffness(p);
   const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v, *X = x + at->member_places;
   Changes *moving = x + at->R; /* which begins afterwards */
   if (p->scheme.at_rest) memset(x + at->r, 0, p->dofs * sizeof(Changes));

@@ -99,7 +99,7 @@ static void eliminate_groups(const Elimination *e) {
 static void find_parts(Elimination *e) {
   SparseRows *r = &e->rows;
   int n = e->groups, *group_at = e->work, *parent = group_at + n, *part = parent + n, *count;
-  double *weight = calloc(n + 1, sizeof(double)), all = 0, of_part[SUBTREES] = {0};
+  double *weight = calloc(n + 1, sizeof(double)), all = 0, part_weight[SUBTREES] = {0};
   ROOM(r->part_start, SUBTREES), count = memset(r->part_start, 0, (SUBTREES + 1) * sizeof(int));
   for (int g = 0; g < n; ++g) group_at[e->position[g]] = g;
   for (int k = 0; k < n; ++k) {
@@ -119,8 +119,8 @@ static void find_parts(Elimination *e) {
     if (part[k] == SUBTREES && weight[k] <= all / 4) {
       part[k] = 0;
       for (int i = 1; i < SUBTREES; ++i)
-        if (of_part[i] < of_part[part[k]]) part[k] = i;
-      of_part[part[k]] += weight[k];
+        if (part_weight[i] < part_weight[part[k]]) part[k] = i;
+      part_weight[part[k]] += weight[k];
     }
     if (part[k] < SUBTREES) ++count[part[k] + 1];
   }

@@ -37,6 +37,6 @@ OF_STEPS int fx_balance(Problem *p, double dt) {
 /* Change of the forces with a small one of the nodes, by the last tangent; with `sizes` by the sizes of its entries. */
 OF_STEPS void fx_change(const Problem *p, const double *x, int sizes, double *out) {
   Work w = work_of(p);
-  const double *of_members = times_members(p->points->members, x);
-  for (int i = 0; i < p->dofs; ++i) out[i] = row_times(p, w.tangent, i, sizes, x) + (of_members ? of_members[i] : 0);
+  const double *member_product = times_members(p->points->members, x);
+  for (int i = 0; i < p->dofs; ++i) out[i] = row_times(p, w.tangent, i, sizes, x) + (member_product ? member_product[i] : 0);
 }

@@ -98,7 +98,7 @@ static int begin_fit(Problem *p, Work *w, const Fits *fits, long row) {
    equations are singular. With the `same` ones the factors serve again. */
 static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, int needed, int same, const double *v,
                     const double *driven, double *u) {
-  const int *of_closing = p->system.order + p->system.unknowns - p->loops.closures;
+  const int *closing_order = p->system.order + p->system.unknowns - p->loops.closures;
   double *z = w->z, *right = (double *)l->block, rest[2];
   memcpy(z + p->free, driven, p->driven * sizeof(double));
   int once = solutions == 1 && !needed; /* by the solver of steps, which has one right side */
@@ -114,12 +114,12 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
     for (int i = 0; i < p->free; ++i) right[GROUP_SIZE * p->system.order[i]] = w->columns[i];
     for (int i = 0; i < p->loops.closures; ++i)
       for (int e = p->loops.entry_start[i]; e < p->loops.entry_start[i + 1]; ++e)
-        right[GROUP_SIZE * of_closing[i]] += p->loops.entry_sign[e] * w->values[p->loops.entry_value[e]]
+        right[GROUP_SIZE * closing_order[i]] += p->loops.entry_sign[e] * w->values[p->loops.entry_value[e]]
             * z[p->loops.entry_column[e]];
     solve_right_sides(p, w, l);
     for (int i = 0; i < p->free; ++i) z[i] -= right[GROUP_SIZE * p->system.order[i]];
   }
-  for (int i = 0; i < p->loops.closures; ++i) w->closing[i] = right[GROUP_SIZE * of_closing[i]];
+  for (int i = 0; i < p->loops.closures; ++i) w->closing[i] = right[GROUP_SIZE * closing_order[i]];
   find_impulses(p, w, v, u);
   if (p->passes.joints) find_joint_forces(p, w);
   return 1;
@@ -159,7 +159,7 @@ static void put_moved(const Problem *p, const Work *w, Fit *f, const double *u) 
   }
   for (int t = 0; t < p->gears.count; ++t) {
     int j = p->gears.joint[t];
-    double rate = in_term(p, t, u, j < 0 ? 0 : at(w->z, p->joints.slide_column[j]));
+    double rate = term_motion(p, t, u, j < 0 ? 0 : at(w->z, p->joints.slide_column[j]));
     put(to, l->at.map + value_of_term(p, t), l->at.closures + p->gears.closure[t], rate);
   }
   for (int i = 0; i < p->sliders.count; ++i) {
@@ -208,17 +208,17 @@ static void vjp_fit(const Fit *f, double *x) {
 static void vjp_group(const Problem *p, const Work *w, const Fit *f, double *trial, double *x) {
   const Linear *l = &f->of;
   const Layout *at = &l->at;
-  const int *of_closing = p->system.order + p->system.unknowns - p->loops.closures;
+  const int *closing_order = p->system.order + p->system.unknowns - p->loops.closures;
   long state = (f->size - at->Y) * sizeof(double);
   for (int k = 0; k < f->solutions; ++k) {
     memcpy(trial + at->Y, x + at->Y, state);
     vjp_fit(f, trial);
     memset(l->block, 0, p->system.positions * sizeof(Changes));
     for (int i = 0; i < p->free; ++i) l->block[p->system.order[i]][0] = trial[at->Y1 + i];
-    for (int i = 0; i < p->loops.closures; ++i) l->block[of_closing[i]][0] = -trial[at->closing + i];
+    for (int i = 0; i < p->loops.closures; ++i) l->block[closing_order[i]][0] = -trial[at->closing + i];
     solve_right_sides(p, w, l);
     for (int i = 0; i < p->free; ++i) x[at->R + i] -= l->block[p->system.order[i]][0];
-    for (int i = 0; i < p->loops.closures; ++i) x[at->closures + i] -= l->block[of_closing[i]][0];
+    for (int i = 0; i < p->loops.closures; ++i) x[at->closures + i] -= l->block[closing_order[i]][0];
   }
   vjp_fit(f, x);
 }

@@ -117,7 +117,7 @@ static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Lin
 /* Whether load steps are in the same row, in which the Jacobians of their forces may be added up, since the motions of nodes
    do not depend on the state. Their shares are those of a difference, with the sum zero. */
 static int are_added(const Problem *p, const Derivatives *a, long k, long next, long end) {
-  if (!a->by_unknowns || !has_constant_map(p) || p->frame.spin_squared) return 0;
+  if (!a->unknown_slopes || !has_constant_map(p) || p->frame.spin_squared) return 0;
   return next >= 0 && next < end && a->forces.at[k] == a->forces.at[next];
 }
 
@@ -128,32 +128,32 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   Linear l;
   begin_linear(p, w, a, &l);
   const Layout *at = &l.at;
-  long groups = (a->directions + GROUP_SIZE - 1) / GROUP_SIZE, steps = at->Y1 - at->loads, left = tape->rows, of_state = at->v - at->Y;
+  long groups = (a->directions + GROUP_SIZE - 1) / GROUP_SIZE, steps = at->Y1 - at->loads, left = tape->rows, state_numbers = at->v - at->Y;
   l.following.size = GROUP_SIZE * p->points->followed.size, l.moves_joints = 0;
-  w->by_slopes = p->internal.per_cell || a->by_unknowns;
+  w->slopes_only = p->internal.per_cell || a->unknown_slopes;
   for (long i = 0; i < groups; ++i) {
     const Changes *x = (Changes *)a->x + i * at->size;
     l.moves_joints |= largest((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset), 0) != 0;
   }
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;
-    int forces = !a->by_unknowns && a->forces.at[k] >= 0, more = are_added(p, a, k, k + 1, tape->all);
+    int forces = !a->unknown_slopes && a->forces.at[k] >= 0, more = are_added(p, a, k, k + 1, tape->all);
     l.step = k, l.adds = are_added(p, a, k, k - 1, tape->all), l.share = l.adds || more ? a->share[k] : 0;
     if (!begin_linearised(p, w, a, &l, tape->row + row * tape->size, forces, !k, 1)) break;
-    if (!a->by_unknowns && !factorise_for_directions(p, w)) break;
+    if (!a->unknown_slopes && !factorise_for_directions(p, w)) break;
     for (long i = 0; i < groups; ++i) {
       Changes *x = (Changes *)a->x + i * at->size;
       int count = a->directions - i * GROUP_SIZE < GROUP_SIZE ? a->directions - i * GROUP_SIZE : GROUP_SIZE;
-      if (tape->apart && !a->by_unknowns) memset(x + at->Y, 0, of_state * sizeof(Changes));
+      if (tape->apart && !a->unknown_slopes) memset(x + at->Y, 0, state_numbers * sizeof(Changes));
       if (k == 0) {
         memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(Changes));
         memset(x + at->q, 0, p->dofs * sizeof(Changes)), jvp(l.of + BEGUN, x);
       }
       if (more) continue;
-      if (row == 0) add_changes(a, &a->states, k, !a->by_unknowns, x, i * GROUP_SIZE, count);
-      memcpy(x + at->loads, (Changes *)a->of_steps + (i * tape->all + k) * steps, steps * sizeof(Changes));
+      if (row == 0) add_changes(a, &a->states, k, !a->unknown_slopes, x, i * GROUP_SIZE, count);
+      memcpy(x + at->loads, (Changes *)a->step_slopes + (i * tape->all + k) * steps, steps * sizeof(Changes));
       double share = l.share ? 1 : share_of(a, k);
-      if (a->by_unknowns) jvp_equations(p, w, a, &l, a->changes_mass[i] && !l.share, x);
+      if (a->unknown_slopes) jvp_equations(p, w, a, &l, a->changes_mass[i] && !l.share, x);
       else jvp_group(p, w, a, &l, a->changes_mass[i], forces, x);
       add_changes(a, &a->forces, k, share, x, i * GROUP_SIZE, count), add_changes(a, &a->states, k + 1, share, x, i * GROUP_SIZE, count);
     }

@@ -94,19 +94,19 @@ static inline void call_law(const PointForce *e, double *results) {
 
 /* Slopes of forces and internal variables, `wide` of each: by start, increments, internal variables, numbers and parameters. */
 static inline void call_slopes(const PointForce *e, Law *law, double *results, int wide) {
-  int n = e->size, m = e->internal, all = n + m, pieces = e->pieces, of_length = 2 + m + e->others;
+  int n = e->size, m = e->internal, all = n + m, pieces = e->pieces, length_numbers = 2 + m + e->others;
   if (!pieces) { call(law, e->given, results, all * wide); return; }
-  double given[most_given(e)], scalar[2 + m + e->iteration_memory], slopes[(1 + m) * of_length], along[n];
+  double given[most_given(e)], scalar[2 + m + e->iteration_memory], slopes[(1 + m) * length_numbers], along[n];
   given_of_length(e, given);
   call(e->law, given, scalar, 1 + e->length_entries + m + e->iteration_memory);
-  call(law, given, slopes, (1 + m) * of_length);
+  call(law, given, slopes, (1 + m) * length_numbers);
   memset(along, 0, sizeof along), memset(results, 0, all * wide * sizeof(double));
   for (int k = 0; k < pieces; ++k) {
     LinePiece p = line_piece(e, k);
     add_ends(e, k, p.along, along);
   }
   for (int row = 0; row < all; ++row) {
-    const double *by = slopes + (row < n ? 0 : row - n + 1) * of_length;
+    const double *by = slopes + (row < n ? 0 : row - n + 1) * length_numbers;
     double factor = row < n ? along[row] : 1, *to = results + row * wide;
     for (int k = 0; k < pieces; ++k) {
       LinePiece p = line_piece(e, k);

@@ -25,7 +25,7 @@ typedef struct {
   double share;                             /* with which forces are added to a sum; 0 for none */
   int adds;                                 /* whether this has begun */
   double *trial;                            /* backwards, derivatives without those by the equations */
-  Changes *block, *on_bordering_rows;       /* forwards, right sides and solutions (work.h), and those of bordering rows */
+  Changes *block, *bordering_solutions;       /* forwards, right sides and solutions (work.h), and those of bordering rows */
   /* Whether offsets, axes and rests of joints, or places and paths of nodes that slide, change in any direction. */
   int moves_joints;
   double *followed, *next; /* forces that friction follows */
@@ -40,7 +40,7 @@ static long lay_out_linear(const Problem *p, Work *w, const Derivatives *a, Line
   long followed = (long)GROUP_SIZE * p->points->followed.size;
   w->loads = allocate(&at, 2 * p->loads.count), w->follower_force = allocate(&at, 2 * p->loads.follower_forces);
   w->naturals = allocate(&at, p->natural.count), l->trial = allocate(&at, fx_layout(p, a).size);
-  l->on_bordering_rows = (Changes *)allocate(&at, (long)p->border.rows * GROUP_SIZE);
+  l->bordering_solutions = (Changes *)allocate(&at, (long)p->border.rows * GROUP_SIZE);
   l->block = (Changes *)allocate(&at, (long)p->system.positions * GROUP_SIZE);
   l->followed = allocate(&at, followed), l->next = allocate(&at, followed);
   l->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
@@ -95,7 +95,7 @@ static void add_given(const RowsOfRun *run, long k, double share, double *x) {
 }
 
 /* Share of a sub-step in the row of its step. */
-static double share_of(const Derivatives *a, long k) { return a->by_unknowns ? a->share[k] : 1; }
+static double share_of(const Derivatives *a, long k) { return a->unknown_slopes ? a->share[k] : 1; }
 
 /* Natural strains at the end. */
 static void put_strains(const Problem *p, const Work *w, Linear *l) {
@@ -145,9 +145,9 @@ static void put_gears(const Problem *p, const Work *w, Linear *l) {
   for (int t = 0; t < p->gears.count; ++t) {
     int value = value_of_term(p, t), weight = l->at.gears + t / 2 * 3 + t % 2;
     put(l->of + LEVERS, weight, l->at.map + value, w->virtual_map[value] / w->values[value]);
-    for (int of_a = 0; of_a < 2; ++of_a) {
-      int turn = of_a ? p->gears.a[t] : p->gears.b[t];
-      double slope = slope_of_term(p, w, t, of_a);
+    for (int is_a = 0; is_a < 2; ++is_a) {
+      int turn = is_a ? p->gears.a[t] : p->gears.b[t];
+      double slope = slope_of_term(p, w, t, is_a);
       put(l->of + CARRIED, in(l->at.q1, turn), l->at.map + value, slope), put(l->of + CARRIED, in(l->at.q, turn), l->at.map + value, -slope);
     }
   }
@@ -196,16 +196,16 @@ static void put_loads(const Problem *p, const Work *w, Linear *l) {
 static const double *put_point(const Linear *l, const PointForce *e, int numbers, int first, int follower_force,
                                const double *slopes, int to, Block *block) {
   int n = e->size, slides = e->slide >= 0;
-  const double *inside = slopes + 2 * n, *of_number = inside + e->internal, *of_parameter = of_number + numbers;
+  const double *inside = slopes + 2 * n, *number_slopes = inside + e->internal, *parameter_slopes = number_slopes + numbers;
   for (int i = 0; i < n; ++i) {
     int at = slides ? e->column : e->dof[i];
     put(block, in(slides ? l->at.Y : l->at.q, at), to, slopes[i] - slopes[n + i]);
     put(block, in(slides ? l->at.Y1 : l->at.q1, at), to, slopes[n + i]);
   }
   for (int i = 0; i < e->internal; ++i) put(block, l->at.spring_internal + e->first_internal + i, to, inside[i]);
-  for (int i = 0; i < numbers; ++i) put(block, follower_force >= 0 && i < 2 ? follower_force + i : first + i, to, of_number[i]);
-  for (int i = 0; i < e->parameters; ++i) put(block, l->at.parameters + e->parameter[i], to, of_parameter[i]);
-  return of_parameter + e->parameters;
+  for (int i = 0; i < numbers; ++i) put(block, follower_force >= 0 && i < 2 ? follower_force + i : first + i, to, number_slopes[i]);
+  for (int i = 0; i < e->parameters; ++i) put(block, l->at.parameters + e->parameter[i], to, parameter_slopes[i]);
+  return parameter_slopes + e->parameters;
 }
 
 static void put_points(const Problem *p, const Derivatives *a, Linear *l) {
@@ -216,11 +216,11 @@ static void put_points(const Problem *p, const Derivatives *a, Linear *l) {
     const PointForce *e = points->of + k;
     int n = e->size, all = n + e->internal, numbers = a->numbers[k];
     int pushed = k >= points->external && k < points->external + p->loads.follower_forces ? follower_force : -1;
-    const double *slopes = a->of_point;
+    const double *slopes = a->point_slopes;
     int wide = 2 * n + e->internal + numbers + e->parameters;
     const Reversal *reversal = e->internal ? reversal_at(a, l->step, e->first_internal) : 0;
-    call_slopes(e, a->slopes[k], a->of_point, wide);
-    if (reversal) reverse(reversal, n, wide, 2 * n + e->internal + numbers - 2, e->load >= 0, a->of_point);
+    call_slopes(e, a->slopes[k], a->point_slopes, wide);
+    if (reversal) reverse(reversal, n, wide, 2 * n + e->internal + numbers - 2, e->load >= 0, a->point_slopes);
     for (int i = 0; i < all; ++i) {
       int row = i >= n ? l->at.springs1 + e->first_internal + i - n : e->slide >= 0 ? l->at.R + e->column : in(l->at.r, e->dof[i]);
       if (i == 1 && e->joint >= 0) put_point(l, e, numbers, first, -1, slopes, l->at.moments + e->joint, to);
@@ -262,15 +262,15 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
 
 /* Forces on auxiliary unknowns, which pass them on. */
 static void put_forces_on_auxiliaries(const Problem *p, const Work *w, Linear *l) {
-  double *on_auxiliaries = w->columns;
+  double *auxiliary_forces = w->columns;
   if (!p->auxiliary.count) return;
-  memset(on_auxiliaries, 0, (p->columns + p->auxiliary.count) * sizeof(double));
-  add_rows(p, w, with_carried(p, w), on_auxiliaries), add_closing(p, w, on_auxiliaries);
-  collect_auxiliaries(p, w->virtual_map, on_auxiliaries);
+  memset(auxiliary_forces, 0, (p->columns + p->auxiliary.count) * sizeof(double));
+  add_rows(p, w, with_carried(p, w), auxiliary_forces), add_closing(p, w, auxiliary_forces);
+  collect_auxiliaries(p, w->virtual_map, auxiliary_forces);
   for (int k = p->auxiliary.entries - 1; k >= 0; --k) {
     int auxiliary = p->columns + p->auxiliary.of[k], value = p->auxiliary.value[k], to = l->at.R + p->auxiliary.column[k];
     put(l->of + MAPPED, l->at.R + auxiliary, to, p->auxiliary.sign[k] * w->virtual_map[value]);
-    if (value) put(l->of + MAPPED, l->at.map + value, to, p->auxiliary.sign[k] * on_auxiliaries[auxiliary]);
+    if (value) put(l->of + MAPPED, l->at.map + value, to, p->auxiliary.sign[k] * auxiliary_forces[auxiliary]);
   }
 }
 
@@ -298,8 +298,8 @@ static void put_closures(const Problem *p, const Work *w, const Linear *l, int e
 static void put_numbers_of_gears(const Problem *p, const Work *w, const Linear *l, int end, Block *to) {
   for (int t = 0; t < p->gears.count; ++t) {
     int j = p->gears.joint[t], closure = l->at.closures + p->gears.closure[t], numbers = l->at.gears + t / 2 * 3;
-    double start = in_term(p, t, p->state.q, j < 0 ? 0 : p->state.slides[p->joints.number[j]]);
-    put(to, numbers + t % 2, closure, start + end * in_term(p, t, w->D, j < 0 ? 0 : at(w->z, p->joints.slide_column[j])));
+    double start = term_motion(p, t, p->state.q, j < 0 ? 0 : p->state.slides[p->joints.number[j]]);
+    put(to, numbers + t % 2, closure, start + end * term_motion(p, t, w->D, j < 0 ? 0 : at(w->z, p->joints.slide_column[j])));
     put(to, numbers + 2, closure, t % 2 - 1);
   }
 }
@@ -317,8 +317,8 @@ static void put_closing(const Problem *p, const Work *w, Linear *l) {
   }
   for (int t = 0; t < p->gears.count; ++t) {
     int value = value_of_term(p, t), i = p->gears.closure[t];
-    for (int of_a = 0; of_a < 2; ++of_a) {
-      int moment = in(l->at.r, of_a ? p->gears.a[t] : p->gears.b[t]), sign = of_a ? 1 : -1;
+    for (int is_a = 0; is_a < 2; ++is_a) {
+      int moment = in(l->at.r, is_a ? p->gears.a[t] : p->gears.b[t]), sign = is_a ? 1 : -1;
       put(to, l->at.closing + i, moment, sign * w->virtual_map[value]), put(to, l->at.map + value, moment, sign * w->closing[i]);
     }
   }
@@ -341,7 +341,7 @@ static void put_passes(const Problem *p, Linear *l, int first, int end) {
 static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
   Block *to = l->of + JOINED;
   int forces = l->at.forces, followed = l->at.followed;
-  put_passes(p, l, 0, p->passes.of_forces);
+  put_passes(p, l, 0, p->passes.force_count);
   for (int k = 0; k < p->loops.closures; ++k) put(to, l->at.closing + k, forces + p->loops.force[k], 1);
   for (int j = 0; j < p->joints.count; ++j)
     for (int i = 0; i < 2; ++i) {
@@ -349,7 +349,7 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
       put(to, forces + force, turn, w->virtual_map[lever]), put(to, l->at.map + lever, turn, w->joint_forces[force]);
     }
   for (int i = 0; i < p->passes.joints; ++i) put(to, l->at.moments + i, forces + 3 * i + 2, -1);
-  put_passes(p, l, p->passes.of_forces, p->passes.count);
+  put_passes(p, l, p->passes.force_count, p->passes.count);
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e) {
     double slope[5];
     if (e->load < 0) continue;
@@ -396,10 +396,10 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
   put_closures(p, w, l, 1, l->of + MAPPED), put_numbers_of_gears(p, w, l, 1, l->of + MAPPED);
   if (first) {
     put_auxiliaries(p, l, w->values0, l->at.Y, l->of + BEGUN), put_places(p, l, w->values0, 0, l->of + BEGUN);
-    if (a->by_unknowns) put_closures(p, w, l, 0, l->of + BEGUN), put_numbers_of_gears(p, w, l, 0, l->of + BEGUN);
+    if (a->unknown_slopes) put_closures(p, w, l, 0, l->of + BEGUN), put_numbers_of_gears(p, w, l, 0, l->of + BEGUN);
   }
   forces |= p->at_points.friction_follows;
-  if (forces || a->by_unknowns) put_closing(p, w, l);
+  if (forces || a->unknown_slopes) put_closing(p, w, l);
   if (forces && p->passes.joints) find_joint_forces(p, w), put_joint_forces(p, w, l);
 }
 
@@ -413,11 +413,11 @@ static int factorise_for_directions(Problem *p, const Work *w) {
 
 /* Solves for the right sides of the block, by the tangent's factors. */
 static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
-  Work of_block = *w;
-  double *x = of_block.block = (double *)l->block, *g = (double *)l->on_bordering_rows;
+  Work block_work = *w;
+  double *x = block_work.block = (double *)l->block, *g = (double *)l->bordering_solutions;
   int inside = HAS(SLIDERS) && p->border.inside;
   if (inside) pass_on(p, GROUP_SIZE, 0, x, g);
-  if (p->newton.raised) solve_raised(p, w, GROUP_SIZE, x); else solve_columns(p, &of_block, 1);
+  if (p->newton.raised) solve_raised(p, w, GROUP_SIZE, x); else solve_columns(p, &block_work, 1);
   if (!HAS(SLIDERS) || !p->border.rows) return;
   if (!inside) {
     memset(g, 0, p->border.rows * sizeof(Changes));

@@ -24,9 +24,9 @@ static void begin_loads(const Problem *p, const Work *w) {
   memset(w->force, 0, p->dofs * sizeof(double));
   for (int i = 0; p->loads.weight && i < p->dofs; ++i) w->force[i] = acting(p) * p->loads.weight[i];
   for (int k = 0; k < p->loads.count; ++k) {
-    double at_level = (1 - p->scheme.level) * start[k] + p->scheme.level * end[k];
+    double level_load = (1 - p->scheme.level) * start[k] + p->scheme.level * end[k];
     for (int i = p->loads.start[k]; i < p->loads.start[k + 1]; ++i) {
-      w->force[p->loads.dof[i]] += p->loads.force[i] * at_level;
+      w->force[p->loads.dof[i]] += p->loads.force[i] * level_load;
       w->dead[p->loads.dof[i]] += p->loads.force[i] * (start[k] + end[k]) / 2;
     }
   }
@@ -276,7 +276,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double t, double dt, const Inputs *in
   else if (steps > 1) find_energies(p, w); /* for one step they cost more than they spare */
   for (int k = 0; k < steps; ++k) {
     int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;
-    int of_row = step % to->every == 0 || step == to->last, wanted = of_row && part + 1 == to->parts;
+    int is_row = step % to->every == 0 || step == to->last, wanted = is_row && part + 1 == to->parts;
     if (part == 0) to->starts = to->complete;
     int starts = to->starts, changed = 0;
     long taped = to->tape ? to->tape->rows : 0;
@@ -290,13 +290,13 @@ OF_STEPS int fx_run(Problem *p, int steps, double t, double dt, const Inputs *in
       long number = (long)k * p->scheme.sub_steps + i;
       set_shares(p, i, part);
       if (p->scheme.level != 0.5) to->starts = to->complete;
-      if (of_row && to->stores_starts) record_start(p, dt * p->scheme.fractions[i], i, to);
+      if (is_row && to->stores_starts) record_start(p, dt * p->scheme.fractions[i], i, to);
       const double *taped = p->run.repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
       const double *known = inputs->known ? inputs->known + i * p->columns : taped;
       if (!take_step(p, w, dt * p->scheme.fractions[i], i, inputs, number, known)) break;
       changed = 1;
       /* Another run may start from the last step, and then has its forces in row 0. */
-      int forces = of_row && (to->forces || step == to->last);
+      int forces = is_row && (to->forces || step == to->last);
       int joints = p->passes.joints && !p->run.repeats && (p->run.keeps_joint_forces || forces);
       int found = forces || p->run.keeps_joint_forces, again = p->run.repeats;
       int contacts = (again ? forces : found) && p->points->recorded, lines = p->at_points.lines && !again && found;

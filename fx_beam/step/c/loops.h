@@ -37,8 +37,8 @@ static void derive_closures(const Problem *p, const Work *w, const double *value
     if (HAS(SLIDERS) && p->loops.carried) derive_by_beams(p, w, values, row);
     for (int k = first_auxiliary; k < last_auxiliary; ++k) {
       int t = p->loops.auxiliary[k];
-      double of_auxiliary = row[p->columns + p->auxiliary.of[t]];
-      row[p->auxiliary.column[t]] += p->auxiliary.sign[t] * values[p->auxiliary.value[t]] * of_auxiliary;
+      double auxiliary_slope = row[p->columns + p->auxiliary.of[t]];
+      row[p->auxiliary.column[t]] += p->auxiliary.sign[t] * values[p->auxiliary.value[t]] * auxiliary_slope;
     }
     for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k) {
       double *entry = row + p->loops.column[p->loops.near[k]];
@@ -247,7 +247,7 @@ static inline Two arm_of(const double *values, int j) { return (Two){values[4 * 
 /* Of term t of gears the number of its value, its weight, and the rotation or slide for nodal values u and a slide of its joint. */
 static inline int value_of_term(const Problem *p, int t) { return 1 + 4 * p->joints.count + t; }
 static inline double weight_of_term(const Problem *p, int t) { return p->gears.numbers[t / 2 * 3 + t % 2]; }
-static inline double in_term(const Problem *p, int t, const double *u, double slide) {
+static inline double term_motion(const Problem *p, int t, const double *u, double slide) {
   return p->gears.joint[t] < 0 ? at(u, p->gears.b[t]) - at(u, p->gears.a[t]) : slide;
 }
 
@@ -272,9 +272,9 @@ static void turn_gears(const Problem *p, const Work *w) {
 }
 
 /* Derivative of a value of Tv by the increment of the rotation of b (0) or a (1). */
-static double slope_of_term(const Problem *p, const Work *w, int t, int of_a) {
+static double slope_of_term(const Problem *p, const Work *w, int t, int is_a) {
   double half[2], x = half_turns_of_term(p, w, t, half), along = over_sine_slope(x) / over_sine(x);
-  return bends(p, t) ? w->virtual_map[value_of_term(p, t)] * ((of_a ? -along : along) - tan(half[of_a])) / 2 : 0;
+  return bends(p, t) ? w->virtual_map[value_of_term(p, t)] * ((is_a ? -along : along) - tan(half[is_a])) / 2 : 0;
 }
 
 /* Closures of displacements, less the changes of the joints' arms, with those before if there are any, and of gears. */
@@ -286,7 +286,7 @@ static void find_closures(const Problem *p, const Work *w, const double *u, cons
   for (int t = 0; t < p->gears.count; ++t) {
     int j = p->gears.joint[t], k = p->gears.closure[t];
     double slide = j < 0 ? 0 : before ? at(w->z, p->joints.slide_column[j]) : p->state.slides[p->joints.number[j]];
-    closure[k] += weight_of_term(p, t) * in_term(p, t, u, slide) - (before || t % 2 ? 0 : p->gears.numbers[t / 2 * 3 + 2]);
+    closure[k] += weight_of_term(p, t) * term_motion(p, t, u, slide) - (before || t % 2 ? 0 : p->gears.numbers[t / 2 * 3 + 2]);
   }
 }
 

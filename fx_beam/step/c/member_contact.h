@@ -72,7 +72,7 @@ typedef struct {
 
 /* The stored energy; if there are functions `by`, of each contact that of the derivatives of its energy by all that its law is
    given, also the derivatives by degrees of freedom, internal variables and all numbers. */
-typedef struct { Law **by; double sum, *of_q, *of_internal, *of_numbers; } Energy;
+typedef struct { Law **by; double sum, *q_slopes, *internal_slopes, *number_slopes; } Energy;
 
 /* Faults at the end of a step: none, points have moved further than was expected, a point has passed through
    a member, or has moved further along one than its contact point can. */

@@ -280,7 +280,7 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   e->passed = dot2(weighted(e->first.weights, start), weighted(near.weights, end)) < 0;
   e->closed |= near.distance < radius;
   if (!e->closed) return 0;
-  double sums[MOST_SUMS][4], *of_places = e->given + places_at(c);
+  double sums[MOST_SUMS][4], *place_slopes = e->given + places_at(c);
   const NearPoint *first = &e->first;
   int count = c->sums / 2;
   for (int k = 0; k < 4; ++k) {
@@ -290,10 +290,10 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   sums_of(count, sums, start, e->given), sums_of(count, sums, change, e->given + c->sums);
   differences(e, m->v, rates);
   sums_of(count, sums, rates, e->given + 2 * c->sums);
-  of_places[0] = near.per_rate, of_places[1] = first->per_rate;
+  place_slopes[0] = near.per_rate, place_slopes[1] = first->per_rate;
   if (c->internal) {
-    of_places[2] = -arc_at(c, e->piece + first->place, of_places + 4);
-    of_places[2] += arc_at(c, e->piece + near.place, of_places + 3);
+    place_slopes[2] = -arc_at(c, e->piece + first->place, place_slopes + 4);
+    place_slopes[2] += arc_at(c, e->piece + near.place, place_slopes + 3);
   }
   for (int k = 0; k < count; ++k) {
     e->sums[0][k] = 0;
@@ -396,7 +396,7 @@ static void add_energy_at(const MemberContacts *m, Energy *to, int contact, int 
   }
   call(to->by[contact], given, slopes, CONTACT_POINT_GIVEN);
   for (int i = 0; i < c->numbers; ++i)
-    to->of_numbers[c->first_number + point * c->numbers + i] += slopes[numbers_at(c) + i];
+    to->number_slopes[c->first_number + point * c->numbers + i] += slopes[numbers_at(c) + i];
 }
 
 /* Adds the energy of friction in slots; with `left` only of slots that no contact point has. */
@@ -409,7 +409,7 @@ static void add_energy_in_slots(const MemberContacts *m, Energy *to, const doubl
       if (memory[first] == 0 || (left && m->has_slot[slot])) continue;
       add_energy_at(m, to, i, point, 2 * *number_of(c, point) + 1, memory + first, slopes);
       for (int l = 0; to->by && l < c->internal; ++l)
-        to->of_internal[m->first_internal + first + l] += slopes[internal_at(c) + l];
+        to->internal_slopes[m->first_internal + first + l] += slopes[internal_at(c) + l];
     }
 }
 
@@ -452,7 +452,7 @@ static void add_energy(const MemberContacts *m, const NearPlace *near, const dou
   NearPoint nearest = nearest_point(r, e.begins, e.ends);
   Two along = slopes[0] / near->distance * weighted(nearest.weights, r);
   for (int i = 0; i < CONTACT_POINT_DOFS; ++i)
-    to->of_q[e.dof[i]] += along[i % 2] * (i < 2 ? -1 : nearest.weights[i / 2 - 1]);
+    to->q_slopes[e.dof[i]] += along[i % 2] * (i < 2 ? -1 : nearest.weights[i / 2 - 1]);
 }
 
 double fx_stored_at_members(MemberContacts *m, Energy *to, const double *q, const double *internal) {

@@ -30,21 +30,21 @@ static void put_arcs(Block *b, const MemberContact *c, const ContactPoint *e, in
 static void put_contact_point_row(Block *b, const MemberContact *c, const ContactPoint *e, const Layout *at, const double *by, int variables,
                           int to, double *tangent) {
   int n = c->sums;
-  const double *of_places = by + 2 * n + c->internal, *of_numbers = by + followed_by(c) - c->numbers;
+  const double *place_slopes = by + 2 * n + c->internal, *number_slopes = by + followed_by(c) - c->numbers;
   for (int j = 0; j < CONTACT_POINT_DOFS; ++j) {
-    double by_start = 0, by_change = 0;
+    double start_slope = 0, change_slope = 0;
     for (int k = 0; k < n / 2; ++k) {
-      by_start += e->sums[j / 2][k] * by[2 * k + j % 2];
-      by_change += e->sums[j / 2][k] * by[n + 2 * k + j % 2];
+      start_slope += e->sums[j / 2][k] * by[2 * k + j % 2];
+      change_slope += e->sums[j / 2][k] * by[n + 2 * k + j % 2];
     }
-    put(b, at->q + e->dof[j], to, by_start - by_change), put(b, at->q1 + e->dof[j], to, by_change);
-    put(b, at->member_places + e->dof[j], to, by_start);
-    if (tangent) tangent[j] = by_change;
+    put(b, at->q + e->dof[j], to, start_slope - change_slope), put(b, at->q1 + e->dof[j], to, change_slope);
+    put(b, at->member_places + e->dof[j], to, start_slope);
+    if (tangent) tangent[j] = change_slope;
   }
   for (int i = 0; variables >= 0 && i < c->internal; ++i) put(b, at->spring_internal + variables + i, to, by[2 * n + i]);
-  if (c->internal) put_arcs(b, c, e, at->arcs + c->first_arc, of_places + 2, to);
+  if (c->internal) put_arcs(b, c, e, at->arcs + c->first_arc, place_slopes + 2, to);
   for (int i = 0; i < c->numbers; ++i)
-    put(b, at->members + c->first_number + e->point * c->numbers + i, to, of_numbers[i]);
+    put(b, at->members + c->first_number + e->point * c->numbers + i, to, number_slopes[i]);
 }
 
 /* The forces of all contact points, and their internal variables; sets their tangents. */

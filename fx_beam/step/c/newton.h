@@ -14,7 +14,7 @@ static void evaluate_nodes(const Problem *p, const Work *w) {
 
 /* Adds the internal forces to f, and their tangent to K. */
 static void assemble(const Problem *p, const Work *w, double *K) {
-  assemble_forces(p, w, &p->forms.internal_forces, w->by_slopes ? 0 : K);
+  assemble_forces(p, w, &p->forms.internal_forces, w->slopes_only ? 0 : K);
   if (p->forms.drag.integrals) assemble_forces(p, w, &p->forms.drag, K);
   evaluate_nodes(p, w);
   fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
@@ -24,13 +24,13 @@ static void assemble(const Problem *p, const Work *w, double *K) {
 
 /* The forces r less their change with the last correction, in `scratch`: of some rows, or of all; zero elsewhere. */
 static void corrected_forces(const Problem *p, const Work *w, int rows, const int *some) {
-  const double *of_members = times_members(p->points->members, w->correction);
+  const double *member_product = times_members(p->points->members, w->correction);
   double *out = w->scratch;
   memset(out, 0, p->dofs * sizeof(double));
   for (int k = 0; k < rows; ++k) {
     int i = some ? some[k] : k;
     out[i] = w->r[i] - row_times(p, w->tangent, i, 0, w->correction);
-    if (of_members) out[i] -= of_members[i];
+    if (member_product) out[i] -= member_product[i];
   }
 }
 
@@ -147,15 +147,15 @@ static void line_search(const Problem *p, const Work *w, double gained) {
     memset(w->step + p->free, 0, (p->columns - p->free) * sizeof(double));
     spread(p, w, w->step, w->correction);
   }
-  double at_high = springs ? point_deviation(p->points, w->correction, w->step, 1) : along_step(p, w);
-  double low = 0, high = 1, at_low = gained, taken = 1, part = 1, work;
-  if (gained <= 0 || -at_high <= OVERSHOOT * gained) return;
+  double high_work = springs ? point_deviation(p->points, w->correction, w->step, 1) : along_step(p, w);
+  double low = 0, high = 1, low_work = gained, taken = 1, part = 1, work;
+  if (gained <= 0 || -high_work <= OVERSHOOT * gained) return;
   for (int k = 0; k < SHORTENINGS; ++k) {
-    part = (low * at_high - high * at_low) / (at_high - at_low);
+    part = (low * high_work - high * low_work) / (high_work - low_work);
     if (springs) work = gained * (1 - part) + point_deviation(p->points, w->correction, w->step, part);
     else retake(p, w, &taken, part), work = along_step(p, w);
     if (fabs(work) <= OVERSHOOT * gained) break;
-    if (work > 0) low = part, at_low = work, at_high /= 2; else high = part, at_high = work, at_low /= 2;
+    if (work > 0) low = part, low_work = work, high_work /= 2; else high = part, high_work = work, low_work /= 2;
   }
   if (springs) retake(p, w, &taken, part);
 }
@@ -172,7 +172,7 @@ enum { GOES_ON, CONVERGED, AT_ROUND_OFF };
 
 /* Whether the last correction does at most this share of the energy of the step as work on each part, after `kinetic`; or of
    the kinetic energy of each part that moves. */
-HOT int within_parts(const Problem *p, const Work *w, double share, int of_motion) {
+HOT int within_parts(const Problem *p, const Work *w, double share, int moving_only) {
   double *work = p->parts.energy, *energy = work + p->parts.count;
   if (p->parts.count < 2) return 1;
   memset(work, 0, 2 * p->parts.count * sizeof(double));
@@ -188,7 +188,7 @@ HOT int within_parts(const Problem *p, const Work *w, double share, int of_motio
       moving += fabs(p->state.v[i] * w->scratch[i]);
       pushed += (fabs(w->f[i]) + fabs(w->force[i])) * fabs(w->D[i]);
     }
-    energy[p->parts.dof_run_part[k]] += of_motion && moving > 0 ? moving : moving + pushed;
+    energy[p->parts.dof_run_part[k]] += moving_only && moving > 0 ? moving : moving + pushed;
   }
   for (int k = 0; k < p->parts.count; ++k) {
     double all = 0;

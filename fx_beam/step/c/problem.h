@@ -257,7 +257,7 @@ typedef struct { int prescribed, *a, *b, *slides; } Motors;
 
 /* How forces of joints pass through these from the nodes that follow to those that lead (-1: none), the former first; first
    displacements, then rotations. `joints` are all of the scene. */
-typedef struct { int joints, count, of_forces, *dof, *to, *of; double *sign; } Passes;
+typedef struct { int joints, count, force_count, *dof, *to, *of; double *sign; } Passes;
 
 /* The state. Its arrays and those of the predictor are in one piece of memory. */
 typedef struct {
@@ -359,9 +359,9 @@ typedef struct {
    the work, of which the first `made` are evaluated: where each begins, its numbers and weights, and of those by the
    start, from which they are taken, the piece by the end, or -1. */
 typedef struct {
-  int of_element, q_previous; /* numbers of each element itself; whether there are derivatives by the configuration before */
+  int element_numbers, q_previous; /* numbers of each element itself; whether there are derivatives by the configuration before */
   Form slopes;
-  int blocks, numbers, of_state, weights, slope_numbers, pieces, made; /* the first `of_state` numbers are of the state */
+  int blocks, numbers, state_numbers, weights, slope_numbers, pieces, made; /* the first `state_numbers` numbers are of the state */
   int *piece_start, *number_at, *piece_numbers, *weight_at, *piece_weights, *end_of, *from, *to;
 } Vjp;
 
@@ -393,16 +393,16 @@ typedef struct { int place; double stretch, force, leads, keeps, pushes, share; 
 typedef struct {
   Vjp internal_forces, drag;
   RowsOfRun states, forces; /* forwards with a row for each direction */
-  double *x, *of_steps; /* by the numbers of the scene and the state (Layout), and by those of each sub-step */
+  double *x, *step_slopes; /* by the numbers of the scene and the state (Layout), and by those of each sub-step */
   int directions, *changes_mass; /* whether masses or weights change in each group */
   double *sizes;      /* of the derivatives by the rates at the starts of sub-steps */
   /* If it is there, forces on unknowns have given weights, no equations are solved, and these are the derivatives by the
      unknowns at both ends. Rows are sums of those of sub-steps, which have a share of them. */
-  double *by_unknowns, *share;
+  double *unknown_slopes, *share;
   double *slide_at_rest; /* in the reference configuration */
   /* Of the laws of forces at points: derivatives of each force and internal variable by start, increments, internal
      variables, numbers and parameters, and room for them; how many numbers each has, and all. */
-  Law **slopes; int *numbers, point_numbers; double *of_point;
+  Law **slopes; int *numbers, point_numbers; double *point_slopes;
   /* Position among sparse factors of each entry of the transposed tangent; of a chain or a band, of each stored value. */
   int *transposed_at;
   int *followed;      /* places in x of the forces that friction follows */

@@ -7,17 +7,17 @@
 
 /* The joint forces of a sub-step; forces at nodes are evaluated. */
 static void find_joint_forces(const Problem *p, const Work *w) {
-  double *on_nodes = w->passed, *on_joints = w->joint_forces;
+  double *node_forces = w->passed, *joint_sums = w->joint_forces;
   pass_through_joints(p, w);
   /* Joints with an offset or a slide exert a moment on their guiding node, which is no moment of another
      joint. */
   for (int j = 0; HAS(COUPLED) && j < p->joints.count; ++j) {
-    const double *lever = w->virtual_map + 1 + 4 * j, *F = on_joints + 3 * p->joints.number[j];
-    if (p->joints.carrier[j] >= 0) on_nodes[p->joints.carrier[j]] += lever[0] * F[0] + lever[1] * F[1];
+    const double *lever = w->virtual_map + 1 + 4 * j, *F = joint_sums + 3 * p->joints.number[j];
+    if (p->joints.carrier[j] >= 0) node_forces[p->joints.carrier[j]] += lever[0] * F[0] + lever[1] * F[1];
   }
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e)
-    if (e->joint >= 0) on_joints[3 * e->joint + 2] -= e->results[1];
-  pass_forces(p, p->passes.of_forces, p->passes.count, on_nodes, on_joints);
+    if (e->joint >= 0) joint_sums[3 * e->joint + 2] -= e->results[1];
+  pass_forces(p, p->passes.force_count, p->passes.count, node_forces, joint_sums);
 }
 
 /* Adds them to their mean over the step. */
@@ -81,10 +81,10 @@ static void record(Problem *p, const Work *w, Record *to) {
   double *momentum = w->scratch, *sums = memset(p->state.momenta, 0, sizeof p->state.momenta);
   find_energies(p, w);
   for (int i = 0; i < p->mesh.nodes; ++i) {
-    const double *q = p->state.q + 3 * i, *of_node = momentum + 3 * i;
+    const double *q = p->state.q + 3 * i, *node_momentum = momentum + 3 * i;
     double x = p->mesh.position[2 * i] + q[0], y = p->mesh.position[2 * i + 1] + q[1];
-    sums[0] += of_node[0], sums[1] += of_node[1];
-    sums[2] += x * of_node[1] - y * of_node[0] + of_node[2];
+    sums[0] += node_momentum[0], sums[1] += node_momentum[1];
+    sums[2] += x * node_momentum[1] - y * node_momentum[0] + node_momentum[2];
   }
   add_row(to->history, to->histories, k);
 }

@@ -223,7 +223,7 @@ static const double NO_PIVOT = 1e-14;
    singular. */
 static int solve_raised(const Problem *p, const Work *w, int sides, double *x) {
   int unknowns = p->system.unknowns, n, at[RAISED], exchanged[RAISED], many = 0, regular = 0;
-  double most = 0, least = HUGE_VAL, S[RAISED * RAISED], raised[RAISED], of_raised[RAISED];
+  double most = 0, least = HUGE_VAL, S[RAISED * RAISED], raised[RAISED], raised_unknowns[RAISED];
   const SparseRows *rows = p->system.rows;
   if (HAS(CHAIN | BAND) || (p->border.rows && !p->border.inside)) return 0;
   double b = largest(p->system.tangent_start[unknowns], w->tangent, 0);
@@ -250,9 +250,9 @@ static int solve_raised(const Problem *p, const Work *w, int sides, double *x) {
   for (int side = 0; side < sides; ++side) {
     for (int i = 0; i < n; ++i) y[i] = x[i * sides + side];
     substitute_sparse(rows, y);
-    gather(many, y, at, of_raised);
-    solve_band_rows(1, &full, S, exchanged, of_raised);
-    for (int j = 0; j < many; ++j) add_times(n, of_raised[j], z + (long)j * n, y);
+    gather(many, y, at, raised_unknowns);
+    solve_band_rows(1, &full, S, exchanged, raised_unknowns);
+    for (int j = 0; j < many; ++j) add_times(n, raised_unknowns[j], z + (long)j * n, y);
     for (int i = 0; i < n; ++i) x[i * sides + side] = y[i];
   }
   free(y);

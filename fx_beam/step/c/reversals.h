@@ -25,9 +25,9 @@ static void stretch_bristles(const Problem *p, const Derivatives *a, long step) 
 /* Changes the derivatives [force, internal variable][wide] of a law with n coordinates: its stretch is that of the time of the
    reversal, before it by the slip, then zero, and its friction in it depends on this alone. */
 static void reverse(const Reversal *r, int n, int wide, int mu, int follows, double *slopes) {
-  double *of_stretch = slopes + n * wide, *of_slip = of_stretch + wide;
-  for (int k = 0; k < wide; ++k) of_stretch[k] = r->leads * of_slip[k];
-  of_stretch[2 * n + 1] -= r->leads, of_stretch[2 * n] += r->keeps;
+  double *stretch_slopes = slopes + n * wide, *slip_slopes = stretch_slopes + wide;
+  for (int k = 0; k < wide; ++k) stretch_slopes[k] = r->leads * slip_slopes[k];
+  stretch_slopes[2 * n + 1] -= r->leads, stretch_slopes[2 * n] += r->keeps;
   for (int i = 0; r->stretch && i < n; ++i) {
     double *by = slopes + i * wide;
     by[2 * n] = r->pushes * by[mu], by[mu] *= r->share;

@@ -25,8 +25,8 @@ static void put_weights(const SlideLaws *s, const Weight *w, int to) {
     for (int i = 0; i < each; ++i) {
       int k = a->degree * (part->element - 1) - a->first + i, first = 4 * (part->element * each + i);
       if (k < 0 || k >= a->width) continue;
-      put(s->b, s->arcs + part->element, to + k, product_of(4, a->coefficients + first, part->by_begin));
-      put(s->b, s->arcs + part->element + 1, to + k, product_of(4, a->coefficients + first, part->by_end));
+      put(s->b, s->arcs + part->element, to + k, product_of(4, a->coefficients + first, part->begin_slopes));
+      put(s->b, s->arcs + part->element + 1, to + k, product_of(4, a->coefficients + first, part->end_slopes));
       for (int m = 0; m < 4; ++m) put(s->b, s->coefficients + first + m, to + k, part->factor[m]);
     }
 }
@@ -47,11 +47,11 @@ static void put_sum(const SlideLaws *s, const Weight *w, int weights, int end, i
 }
 
 /* Derivatives by the mean chord and by its increment. */
-static void put_chord(const SlideLaws *s, int to, const double *by_mean, const double *by_increment) {
+static void put_chord(const SlideLaws *s, int to, const double *mean_slope, const double *increment_slope) {
   const Relation *o = &s->a->relation;
   for (int i = 0; i < 2; ++i)
     for (int end = 0; end < 2; ++end) {
-      double slope = by_mean[i] / 2 + (end ? by_increment[i] : -by_increment[i]);
+      double slope = mean_slope[i] / 2 + (end ? increment_slope[i] : -increment_slope[i]);
       put_node(s, end, i, o->to, to, slope), put_node(s, end, i, o->from, to, -slope);
     }
 }
@@ -79,7 +79,7 @@ static void put_axis(const SlideLaws *s) {
   const Slider *a = s->a;
   const Relation *o = &a->relation;
   int exact = o->exact, axis = s->numbers + AXIS, apart = s->numbers + APART, turn = s->numbers + TURN;
-  double F[2] = {a->force[0], a->force[1]}, Z = F[0] * o->z[0] + F[1] * o->z[1], by_r[2], none[2] = {0};
+  double F[2] = {a->force[0], a->force[1]}, Z = F[0] * o->z[0] + F[1] * o->z[1], chord_slopes[2], none[2] = {0};
   for (int end = 0; end < (exact ? 1 : 2); ++end) put_weights(s, o->along + end, s->numbers + ALONG + end * WINDOW_NODES);
   for (int i = 0; i < a->components; ++i)
     for (int end = 0; end < 2; ++end)
@@ -87,17 +87,17 @@ static void put_axis(const SlideLaws *s) {
   if (!exact) return;
   for (int i = 0; i < 2; ++i) {
     put_sum(s, o->along, ALONG, 0, i, apart + i, -1), put_sum(s, o->along, ALONG, 1, i, apart + i, 1);
-    by_r[i] = o->turn[0][i] * o->Dr[0] + o->turn[1][i] * o->Dr[1];
+    chord_slopes[i] = o->turn[0][i] * o->Dr[0] + o->turn[1][i] * o->Dr[1];
   }
-  put_chord(s, turn, by_r, o->w);
+  put_chord(s, turn, chord_slopes, o->w);
   put(s->b, apart + 1, axis, o->Dalpha / 4), put(s->b, apart, axis + 1, -o->Dalpha / 4);
   for (int i = 0; i < 2; ++i) {
     int to = s->numbers + ON_CHORD + i;
-    double by_mean[2] = {o->Ds * Z * o->turn[i][0], o->Ds * Z * o->turn[i][1]};
+    double mean_slope[2] = {o->Ds * Z * o->turn[i][0], o->Ds * Z * o->turn[i][1]};
     put(s->b, turn, axis + i, -o->z[i]);
     put(s->b, apart, to, o->Ds * o->w[i] * F[1] / 4), put(s->b, apart + 1, to, -o->Ds * o->w[i] * F[0] / 4);
     put(s->b, s->slide[1], to, Z * o->w[i]), put(s->b, s->slide[0], to, -Z * o->w[i]);
-    put_chord(s, to, by_mean, none);
+    put_chord(s, to, mean_slope, none);
   }
 }
 
@@ -113,19 +113,19 @@ static void put_turn(const SlideLaws *s, int r, int along) {
       int weight = s->numbers + AT + end * WINDOW_NODES + k, turned = s->q[end] + local_dof(a, 2 * a->width + k);
       put(s->b, weight, y, o->share[end] * o->half[k]), put(s->b, turned, y, sign * o->mean[k]);
       put(s->b, weight, s->numbers + PARTS + k, o->share[end] * o->per_mean[k]);
-      put(s->b, turned, s->numbers + PARTS + k, sign * o->by_half[k]);
+      put(s->b, turned, s->numbers + PARTS + k, sign * o->half_slopes[k]);
     }
   }
   for (int k = 0; k < a->width; ++k) {
-    put(s->b, y, s->numbers + PARTS + k, o->by_y[k]);
+    put(s->b, y, s->numbers + PARTS + k, o->y_slopes[k]);
     put(s->b, s->numbers + PARTS + k, total, 1);
   }
   for (int k = 0, local = 2 * a->width; k < a->width; ++k, ++local) {
     put(s->b, s->numbers + PARTS + k, r + local_dof(a, local), a->force[2] / o->total);
     put(s->b, total, r + local_dof(a, local), -a->force[2] / o->total * a->virtual_map[2][local]);
   }
-  put(s->b, s->numbers + AXIS + 2, along, a->force[2] * o->of_turn[0]);
-  put(s->b, y_c, along, a->force[2] * o->of_turn[1]), put(s->b, y, along, a->force[2] * o->of_turn[2]);
+  put(s->b, s->numbers + AXIS + 2, along, a->force[2] * o->turn_slopes[0]);
+  put(s->b, y_c, along, a->force[2] * o->turn_slopes[1]), put(s->b, y, along, a->force[2] * o->turn_slopes[2]);
 }
 
 /* The forces on the beam and along it that a node exerts with the force F, for changes of Tv; its axis. */

@@ -36,8 +36,8 @@ static void weigh_place(const Slider *a, int end, int order, Weight *w) {
   w->parts = 1, part->element = element;
   for (int i = 0; i < 4; ++i) {
     part->factor[i] = per * powers[i];
-    part->by_begin[i] = per * (slope[i] * (x - 1) + order * powers[i]) / h;
-    part->by_end[i] = -per * (slope[i] * x + order * powers[i]) / h;
+    part->begin_slopes[i] = per * (slope[i] * (x - 1) + order * powers[i]) / h;
+    part->end_slopes[i] = -per * (slope[i] * x + order * powers[i]) / h;
   }
   add_weights(a, element, powers, per, w->of);
   add_weights(a, element, slope, per / h, w->by[end]);
@@ -60,8 +60,8 @@ static void weigh_quotient(const Slider *a, const Weight *at, Weight *w) {
     part->element = e;
     for (int i = 0; i < 4; ++i) {
       part->factor[i] = share * mean[i];
-      part->by_begin[i] = grows * mean[i] + share * (first * by0[i] * (x - 1) + last * by1[i] * (y - 1)) / h;
-      part->by_end[i] = -shrinks * mean[i] - share * (first * by0[i] * x + last * by1[i] * y) / h;
+      part->begin_slopes[i] = grows * mean[i] + share * (first * by0[i] * (x - 1) + last * by1[i] * (y - 1)) / h;
+      part->end_slopes[i] = -shrinks * mean[i] - share * (first * by0[i] * x + last * by1[i] * y) / h;
     }
     add_weights(a, e, mean, share, w->of);
     if (alone) add_weights(a, e, by0, share / h, w->by[0]), add_weights(a, e, by1, share / h, w->by[1]);
@@ -125,14 +125,14 @@ static void relate_turn(Slider *a, Relation *o) {
   o->total = 0;
   for (int k = 0; k < n; ++k) {
     double x = o->half[k] - y, c = cos(o->half[k]), tilt = o->mean[k] * over_sine_slope(x) * c;
-    o->per_mean[k] = over_sine(x) * c, o->by_y[k] = -tilt;
-    o->by_half[k] = tilt - o->mean[k] * over_sine(x) * sin(o->half[k]);
+    o->per_mean[k] = over_sine(x) * c, o->y_slopes[k] = -tilt;
+    o->half_slopes[k] = tilt - o->mean[k] * over_sine(x) * sin(o->half[k]);
     o->total += o->mean[k] * o->per_mean[k];
   }
   for (int k = 0; k < n; ++k) a->virtual_map[2][2 * n + k] = o->mean[k] * o->per_mean[k] / o->total;
   double bend = over_sine_slope(u) / over_sine(u);
-  o->of_turn[0] = 1 / (over_sine(u) * cos(y_c) * cos(y)), o->along_turn = o->axis[2] * o->of_turn[0];
-  o->of_turn[1] = o->along_turn * (tan(y_c) - bend), o->of_turn[2] = o->along_turn * (tan(y) + bend);
+  o->turn_slopes[0] = 1 / (over_sine(u) * cos(y_c) * cos(y)), o->along_turn = o->axis[2] * o->turn_slopes[0];
+  o->turn_slopes[1] = o->along_turn * (tan(y_c) - bend), o->turn_slopes[2] = o->along_turn * (tan(y) + bend);
   a->virtual_map[2][ARC] = o->along_turn;
 }
 
@@ -184,8 +184,8 @@ static void find_second(const Slider *a, Second *h) {
     if (i == 2 && o->turned) continue;
     h->square += F[i] * axis_s[i];
     for (int k = 0; k < n; ++k) {
-      h->by_s[i * n + k] = F[i] * mean_s[k];
-      h->of_s[i * n + k] = F[i] * late * o->along[1].of[k];
+      h->arc_slopes[i * n + k] = F[i] * mean_s[k];
+      h->force_slopes[i * n + k] = F[i] * late * o->along[1].of[k];
     }
   }
   if (o->exact) {
@@ -194,33 +194,33 @@ static void find_second(const Slider *a, Second *h) {
     h->square -= o->Dalpha * Z_s;
     for (int i = 0; i < 2; ++i) {
       for (int k = 0; k < n; ++k) {
-        h->of_s[i * n + k] -= o->Dalpha * G[i] * Q[k];
+        h->force_slopes[i * n + k] -= o->Dalpha * G[i] * Q[k];
         for (int j = 0; j < 2; ++j) h->right[i][j * n + k] += o->Ds * o->w[i] * G[j] * Q[k];
       }
       for (int f = 0; f < 2; ++f) {
         int node = i * n + (f ? o->to : o->from);
         double sign = f ? 1 : -1;
         h->left[i][node] = sign;
-        h->by_s[node] += sign * o->w[i] * (Z + o->Ds * Z_s);
-        h->of_s[node] -= sign * Z * (o->w[i] + (o->turn[0][i] * o->Dr[0] + o->turn[1][i] * o->Dr[1]) / 2);
+        h->arc_slopes[node] += sign * o->w[i] * (Z + o->Ds * Z_s);
+        h->force_slopes[node] -= sign * Z * (o->w[i] + (o->turn[0][i] * o->Dr[0] + o->turn[1][i] * o->Dr[1]) / 2);
         for (int j = 0; j < 2; ++j) h->right[j][node] += sign * o->Ds * Z * o->turn[j][i] / 2;
       }
     }
   }
   if (!o->turned) return;
-  double y_s = product_of(n, mean_s, o->half), y_c_s = product_of(n, last->by[1], o->x[1][2]) / 2, by_y = 0, total_s = 0;
-  double part_s[WINDOW_NODES], of_total = F[2] / o->total;
+  double y_s = product_of(n, mean_s, o->half), y_c_s = product_of(n, last->by[1], o->x[1][2]) / 2, y_slopes = 0, total_s = 0;
+  double part_s[WINDOW_NODES], total_share = F[2] / o->total;
   for (int k = 0; k < n; ++k) {
-    part_s[k] = mean_s[k] * o->per_mean[k] + o->by_y[k] * y_s;
-    total_s += part_s[k], by_y += o->by_y[k];
+    part_s[k] = mean_s[k] * o->per_mean[k] + o->y_slopes[k] * y_s;
+    total_s += part_s[k], y_slopes += o->y_slopes[k];
   }
   for (int k = 0; k < n; ++k) {
     double share = a->virtual_map[2][turn + k], y_by = o->mean[k] / 2;
-    h->of_s[turn + k] = F[2] * (o->of_turn[0] * late * Q[k] + o->of_turn[1] * last->of[k] / 2 + o->of_turn[2] * y_by);
-    h->by_s[turn + k] = of_total * (part_s[k] - share * total_s);
-    h->turn[turn + k] = of_total * o->by_half[k] / 2;
-    h->left[2][turn + k] = o->by_y[k], h->right[2][turn + k] = of_total * y_by;
-    h->left[3][turn + k] = share, h->right[3][turn + k] = -of_total * (o->by_half[k] / 2 + by_y * y_by);
+    h->force_slopes[turn + k] = F[2] * (o->turn_slopes[0] * late * Q[k] + o->turn_slopes[1] * last->of[k] / 2 + o->turn_slopes[2] * y_by);
+    h->arc_slopes[turn + k] = total_share * (part_s[k] - share * total_s);
+    h->turn[turn + k] = total_share * o->half_slopes[k] / 2;
+    h->left[2][turn + k] = o->y_slopes[k], h->right[2][turn + k] = total_share * y_by;
+    h->left[3][turn + k] = share, h->right[3][turn + k] = -total_share * (o->half_slopes[k] / 2 + y_slopes * y_by);
   }
-  h->square += F[2] * (o->of_turn[0] * axis_s[2] + o->of_turn[1] * y_c_s + o->of_turn[2] * y_s);
+  h->square += F[2] * (o->turn_slopes[0] * axis_s[2] + o->turn_slopes[1] * y_c_s + o->turn_slopes[2] * y_s);
 }

@@ -8,7 +8,7 @@ enum { WINDOW_NODES = 16, LOCAL = 49, ARC = LOCAL - 1, PRODUCTS = 4, MOST_PARTS 
 
 /* A part of weights of nodes: the coefficients of an element times these factors of 1, x, x^2 and x^3, which have these
    derivatives by the arc lengths of its ends. */
-typedef struct { int element; double factor[4], by_begin[4], by_end[4]; } WeightPart;
+typedef struct { int element; double factor[4], begin_slopes[4], end_slopes[4]; } WeightPart;
 
 /* Weights of the nodes of a window, their derivatives by the arc lengths at the start and at the end of a step, and the
    parts of which they are sums. */
@@ -25,15 +25,15 @@ typedef struct {
   double Ds, z[2], w[2], turn[2][2], Dr[2], Dalpha; /* w = W rbar / |rbar|^2, and its derivatives */
   /* If the rotation is that of 2 tan(Dpsi/2): x_a; k(x_a - y) cos x_a; of Nbar_a times this the derivatives by x_a and
      by y, and the sum; for a virtual slide of 1 the virtual rotation, and its derivatives by q, y_c and y. */
-  int turned; double half[WINDOW_NODES], per_mean[WINDOW_NODES], by_half[WINDOW_NODES], by_y[WINDOW_NODES], total;
-  double along_turn, of_turn[3];
+  int turned; double half[WINDOW_NODES], per_mean[WINDOW_NODES], half_slopes[WINDOW_NODES], y_slopes[WINDOW_NODES], total;
+  double along_turn, turn_slopes[3];
 } Relation;
 
 /* Derivatives of virtual_map^T F by the local degrees of freedom, for the force F of the node: those by the arc
    length and of the force along it; of the others the products of left and right parts, and entries of
    the diagonal. */
 typedef struct {
-  double by_s[LOCAL], of_s[LOCAL], square, left[PRODUCTS][LOCAL], right[PRODUCTS][LOCAL], turn[LOCAL];
+  double arc_slopes[LOCAL], force_slopes[LOCAL], square, left[PRODUCTS][LOCAL], right[PRODUCTS][LOCAL], turn[LOCAL];
 } Second;
 
 /* Columns of the node, which border the reduced tangent (bordering_rows.h). */
@@ -59,5 +59,5 @@ typedef struct {
      Tv, force. */
   double s0, s1, slide; int element[2], first; double increment[3], T[3][LOCAL], virtual_map[3][LOCAL], force[3];
   Relation relation;
-  Second of_force; /* derivatives of virtual_map^T F by the end of the step */
+  Second second_slopes; /* derivatives of virtual_map^T F by the end of the step */
 } Slider;

@@ -25,8 +25,8 @@ static void push_columns(const Problem *p, double *out) {
 
 /* Adds the forces of all sliding nodes, for the forces on nodes: those on their columns pass on to their beams, in `loaded`,
    and along these. */
-static void load_beams(const Problem *p, const Work *w, const double *on_nodes, double *out) {
-  double *r = memcpy(w->loaded, on_nodes, p->dofs * sizeof(double));
+static void load_beams(const Problem *p, const Work *w, const double *node_forces, double *out) {
+  double *r = memcpy(w->loaded, node_forces, p->dofs * sizeof(double));
   for (int i = p->sliders.count - 1; i >= 0; --i) {
     Slider *a = p->sliders.slider + i;
     for (int c = 0; c < a->components; ++c) {

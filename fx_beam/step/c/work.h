@@ -46,7 +46,7 @@ typedef struct {
   double dt;
   double *loads, *follower_force, *naturals; /* inputs of a sub-step */
   int transposed; /* whether bordering rows are those of the transposed tangent */
-  int by_slopes;  /* whether elements give no tangent: it comes from their slopes (element_derivatives.h), or none is needed */
+  int slopes_only;  /* whether elements give no tangent: it comes from their slopes (element_derivatives.h), or none is needed */
 } Work;
 
 /* Whether factors that serve several steps have a narrow copy: those of large systems. */
@@ -78,7 +78,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   const double *fields[] = {w->D, p->state.q, p->state.v, p->state.a, p->state.q_previous, p->state.internal,
       p->state.natural, w->natural_end};
   memcpy(w->fields, fields, sizeof fields);
-  w->dt = w->transposed = w->by_slopes = 0;
+  w->dt = w->transposed = w->slopes_only = 0;
   return at - begin;
 }
 
