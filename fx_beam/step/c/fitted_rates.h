@@ -105,7 +105,7 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
   if (once) {
     find_impulses(p, w, v, u);
     memcpy(w->reduced, w->columns, p->free * sizeof(double));
-    if (!(same ? solve_bordered(p, w, 0, w->reduced, w->step) : solve_reduced(p, w, 0, rest))) return 0;
+    if (!(same ? solve_bordered(p, w, FULL, w->reduced, w->step) : solve_reduced(p, w, 0, rest))) return 0;
     add_times(p->free, -1, w->step, z);
   } else if (!factorise_for_directions(p, w)) return 0;
   for (int k = 0; !once && k < solutions; ++k) {
@@ -132,7 +132,7 @@ static void linearise_fit(const Problem *p, const Work *w, Fit *f) {
     if (!l->of[i].from && i != DRIVEN && i != INERT && i != LIGHT) l->of[i].count = 0;
   for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) put_weights_at(l->of + WEIGHED, p, &l->at, i, 1);
   put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
-  put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l), put_closures(p, w, l, 1, l->of + MAPPED);
+  put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l), put_closures(p, w, l, 1, 0, l->of + MAPPED);
   put_closing(p, w, l);
   if (p->passes.joints) put_joint_forces(p, w, l);
   for (int i = 0; i < p->dofs; ++i)

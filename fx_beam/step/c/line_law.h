@@ -28,12 +28,12 @@ static LinePiece line_piece(const PointForce *e, int k) {
   return p;
 }
 
-/* Arguments of the law of the length: the length, its increment and rate, and the rest as it is. */
-static int given_of_length(const PointForce *e, double *to) {
+/* Arguments of the law of the length: the length, its increment and rate, and the rest as it is; sets all pieces. */
+static int given_of_length(const PointForce *e, LinePiece *piece, double *to) {
   int middle = 2 + e->internal + e->iteration_memory;
   memset(to, 0, 3 * sizeof(double));
   for (int k = 0; k < e->pieces; ++k) {
-    LinePiece p = line_piece(e, k);
+    LinePiece p = piece[k] = line_piece(e, k);
     to[0] += p.size[0], to[1] += p.size[1] - p.size[0], to[2] += p.rate;
   }
   memcpy(to + 3, e->given + 3 * e->size, middle * sizeof(double));
@@ -47,7 +47,8 @@ static inline int most_given(const PointForce *e) { return 5 + e->internal + e->
 static inline void call_value(const PointForce *e, Law *law, double *results, int values) {
   if (!e->pieces) { call(law, e->given, results, values); return; }
   double given[most_given(e)];
-  given_of_length(e, given);
+  LinePiece piece[e->pieces];
+  given_of_length(e, piece, given);
   call(law, given, results, values);
 }
 
@@ -68,27 +69,23 @@ static inline void call_law(const PointForce *e, double *results) {
   int n = e->size, more = e->internal + e->iteration_memory;
   if (!e->pieces) { call(e->law, e->given, results, n + e->entries + more); return; }
   double given[most_given(e)], scalar[2 + more], along[n], unit[n], *tangent = results + n;
-  given_of_length(e, given);
+  LinePiece piece[e->pieces];
+  given_of_length(e, piece, given);
   call(e->law, given, scalar, 1 + e->length_entries + more);
   double pull = scalar[0], slope = e->length_entries ? scalar[1] : 0;
   memset(along, 0, sizeof along), memset(unit, 0, sizeof unit);
-  for (int k = 0; k < e->pieces; ++k) {
-    LinePiece p = line_piece(e, k);
-    add_ends(e, k, p.along, along), add_ends(e, k, p.unit[1], unit);
-  }
+  for (int k = 0; k < e->pieces; ++k) add_ends(e, k, piece[k].along, along), add_ends(e, k, piece[k].unit[1], unit);
   for (int i = 0; i < n; ++i) {
     results[i] = pull * along[i];
     for (int j = 0; j < n; ++j) tangent[i * n + j] = slope * along[i] * unit[j];
   }
-  for (int k = 0; k < e->pieces; ++k) {
-    LinePiece p = line_piece(e, k);
+  for (int k = 0; k < e->pieces; ++k)
     for (int a = 0; a < 2; ++a)
       for (int b = 0; b < 2; ++b) {
         int row = e->moves[k + a], column = e->moves[k + b];
         for (int i = 0; i < 4 && row >= 0 && column >= 0; ++i)
-          tangent[(row + i / 2) * n + column + i % 2] += (a == b ? pull : -pull) * turning(e, &p, 1, i / 2, i % 2);
+          tangent[(row + i / 2) * n + column + i % 2] += (a == b ? pull : -pull) * turning(e, piece + k, 1, i / 2, i % 2);
       }
-  }
   memcpy(results + n + e->entries, scalar + 1 + e->length_entries, more * sizeof(double));
 }
 
@@ -97,23 +94,20 @@ static inline void call_slopes(const PointForce *e, Law *law, double *results, i
   int n = e->size, m = e->internal, all = n + m, pieces = e->pieces, length_numbers = 2 + m + e->others;
   if (!pieces) { call(law, e->given, results, all * wide); return; }
   double given[most_given(e)], scalar[2 + m + e->iteration_memory], slopes[(1 + m) * length_numbers], along[n];
-  given_of_length(e, given);
+  LinePiece piece[pieces];
+  given_of_length(e, piece, given);
   call(e->law, given, scalar, 1 + e->length_entries + m + e->iteration_memory);
   call(law, given, slopes, (1 + m) * length_numbers);
   memset(along, 0, sizeof along), memset(results, 0, all * wide * sizeof(double));
-  for (int k = 0; k < pieces; ++k) {
-    LinePiece p = line_piece(e, k);
-    add_ends(e, k, p.along, along);
-  }
+  for (int k = 0; k < pieces; ++k) add_ends(e, k, piece[k].along, along);
   for (int row = 0; row < all; ++row) {
     const double *by = slopes + (row < n ? 0 : row - n + 1) * length_numbers;
     double factor = row < n ? along[row] : 1, *to = results + row * wide;
     for (int k = 0; k < pieces; ++k) {
-      LinePiece p = line_piece(e, k);
       double start[2], end[2];
       for (int j = 0; j < 2; ++j) {
-        end[j] = factor * by[1] * p.unit[1][j];
-        start[j] = factor * (by[0] - by[1]) * p.unit[0][j] + end[j];
+        end[j] = factor * by[1] * piece[k].unit[1][j];
+        start[j] = factor * (by[0] - by[1]) * piece[k].unit[0][j] + end[j];
         to[2 * n + m + 2 * k + j] += start[j];
       }
       add_ends(e, k, start, to), add_ends(e, k, end, to + n);
@@ -121,17 +115,15 @@ static inline void call_slopes(const PointForce *e, Law *law, double *results, i
     for (int i = 0; i < m; ++i) to[2 * n + i] = factor * by[2 + i];
     for (int i = 0; i < e->others; ++i) to[2 * n + m + 2 * pieces + i] = factor * by[2 + m + i];
   }
-  for (int k = 0; k < pieces; ++k) {
-    LinePiece p = line_piece(e, k);
+  for (int k = 0; k < pieces; ++k)
     for (int a = 0; a < 2; ++a)
       for (int i = 0; i < 2 && e->moves[k + a] >= 0; ++i) {
         double *to = results + (e->moves[k + a] + i) * wide, start[2], end[2], pull = a ? *scalar : -*scalar;
         for (int j = 0; j < 2; ++j) {
-          end[j] = pull * turning(e, &p, 1, i, j);
-          start[j] = pull * turning(e, &p, 0, i, j) + end[j];
+          end[j] = pull * turning(e, piece + k, 1, i, j);
+          start[j] = pull * turning(e, piece + k, 0, i, j) + end[j];
           to[2 * n + m + 2 * k + j] += start[j];
         }
         add_ends(e, k, start, to), add_ends(e, k, end, to + n);
       }
-  }
 }

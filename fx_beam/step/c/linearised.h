@@ -274,8 +274,8 @@ static void put_forces_on_auxiliaries(const Problem *p, const Work *w, Linear *l
   }
 }
 
-/* Closures of loops at the start (0) or at the end (1), less the arms of the joints. */
-static void put_closures(const Problem *p, const Work *w, const Linear *l, int end, Block *to) {
+/* Closures of loops at the start (0) or at the end (1), less the arms of the joints; with `numbers` also by those of gears. */
+static void put_closures(const Problem *p, const Work *w, const Linear *l, int end, int numbers, Block *to) {
   int Y = end ? l->at.Y1 : l->at.Y, q = end ? l->at.q1 : l->at.q;
   const double *values = end ? w->values : w->values0;
   for (int k = 0; k < p->loops.closures; ++k) {
@@ -287,20 +287,14 @@ static void put_closures(const Problem *p, const Work *w, const Linear *l, int e
     put(to, in(Y, p->joints.slide_column[j]), closure, -values[3 + 4 * j + i % 2]);
   }
   for (int t = 0; t < p->gears.count; ++t) {
-    int j = p->gears.joint[t], closure = l->at.closures + p->gears.closure[t];
+    int j = p->gears.joint[t], closure = l->at.closures + p->gears.closure[t], gear = l->at.gears + t / 2 * 3;
     double weight = weight_of_term(p, t);
     put(to, in(q, p->gears.b[t]), closure, weight), put(to, in(q, p->gears.a[t]), closure, -weight);
     if (j >= 0) put(to, in(Y, p->joints.slide_column[j]), closure, weight);
-  }
-}
-
-/* Closures of gears by their numbers. */
-static void put_numbers_of_gears(const Problem *p, const Work *w, const Linear *l, int end, Block *to) {
-  for (int t = 0; t < p->gears.count; ++t) {
-    int j = p->gears.joint[t], closure = l->at.closures + p->gears.closure[t], numbers = l->at.gears + t / 2 * 3;
-    double start = term_motion(p, t, p->state.q, j < 0 ? 0 : p->state.slides[p->joints.number[j]]);
-    put(to, numbers + t % 2, closure, start + end * term_motion(p, t, w->D, j < 0 ? 0 : at(w->z, p->joints.slide_column[j])));
-    put(to, numbers + 2, closure, t % 2 - 1);
+    if (!numbers) continue;
+    double motion = term_motion(p, t, p->state.q, j < 0 ? 0 : p->state.slides[p->joints.number[j]]);
+    if (end) motion += term_motion(p, t, w->D, j < 0 ? 0 : at(w->z, p->joints.slide_column[j]));
+    put(to, gear + t % 2, closure, motion), put(to, gear + 2, closure, t % 2 - 1);
   }
 }
 
@@ -393,10 +387,10 @@ static void linearise(const Problem *p, const Work *w, const Derivatives *a, Lin
   }
   put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
   put_loads(p, w, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l);
-  put_closures(p, w, l, 1, l->of + MAPPED), put_numbers_of_gears(p, w, l, 1, l->of + MAPPED);
+  put_closures(p, w, l, 1, 1, l->of + MAPPED);
   if (first) {
     put_auxiliaries(p, l, w->values0, l->at.Y, l->of + BEGUN), put_places(p, l, w->values0, 0, l->of + BEGUN);
-    if (a->unknown_slopes) put_closures(p, w, l, 0, l->of + BEGUN), put_numbers_of_gears(p, w, l, 0, l->of + BEGUN);
+    if (a->unknown_slopes) put_closures(p, w, l, 0, 1, l->of + BEGUN);
   }
   forces |= p->at_points.friction_follows;
   if (forces || a->unknown_slopes) put_closing(p, w, l);

@@ -139,26 +139,82 @@ INLINED void substitute_back(const Problem *p, const Work *w, const int *reached
   else substitute_backward(p->system.rows, w->y, reached, now);
 }
 
+/* Largest number of pivots that are raised, and ratio of pivots that is zero but for round-off. */
+enum { MOST_RAISED = 24 };
+static const double NO_PIVOT = 1e-14;
+
+/* Where pivots vanish, which those of a regular matrix may do that is not positive definite: b_i is added to them, a stiffness or
+   for forces that close loops what these yield, and
+
+       A x = r + sum b_i e_i x_i,    (A with b_i on the diagonals i)
+
+   gives the solution from those for r and all e_i. In place of right sides x, [position][side]; returns 0 if the matrix is
+   singular. */
+static int solve_raised(const Problem *p, const Work *w, int sides, double *x) {
+  int unknowns = p->system.unknowns, n, at[MOST_RAISED], exchanged[MOST_RAISED], many = 0, regular = 0;
+  double most = 0, least = HUGE_VAL, S[MOST_RAISED * MOST_RAISED], raised[MOST_RAISED], raised_unknowns[MOST_RAISED];
+  const SparseRows *rows = p->system.rows;
+  if (HAS(CHAIN | BAND) || (p->border.rows && !p->border.inside)) return 0;
+  double b = largest(p->system.tangent_start[unknowns], w->tangent, 0);
+  n = rows->unknowns;
+  while (b > 0) {
+    fill_factors(p, w);
+    for (int i = 0; i < many; ++i) rows->factors[rows->diagonal[at[i]]] += raised[i];
+    if ((regular = factorise_sparse(rows, w->row)) || many == MOST_RAISED) break;
+    at[many] = w->row[0], raised[many] = b;
+    for (int i = 0; i < p->loops.closures; ++i)
+      if (p->system.order[unknowns - p->loops.closures + i] == at[many])
+        raised[many] = -1 / (b * p->loops.length[i] * p->loops.length[i]);
+    ++many;
+  }
+  double *y = regular ? calloc((long)n * (many + 1), sizeof(double)) : 0, *z = y + n;
+  if (!y) return 0;
+  for (int j = 0; j < many; ++j) z[(long)j * n + at[j]] = raised[j], substitute_sparse(rows, z + (long)j * n);
+  for (int i = 0; i < many; ++i)
+    for (int j = 0; j < many; ++j) S[i * many + j] = (i == j) - z[(long)j * n + at[i]];
+  BandRows full = band_rows(many, many, many);
+  factorise_band(&full, S, exchanged);
+  for (int i = 0; i < many; ++i)
+    most = fmax(most, fabs(S[i * many + i])), least = fmin(least, fabs(S[i * many + i]));
+  for (int side = 0; side < sides; ++side) {
+    for (int i = 0; i < n; ++i) y[i] = x[i * sides + side];
+    substitute_sparse(rows, y);
+    gather(many, y, at, raised_unknowns);
+    solve_band_rows(1, &full, S, exchanged, raised_unknowns);
+    for (int j = 0; j < many; ++j) add_times(n, raised_unknowns[j], z + (long)j * n, y);
+    for (int i = 0; i < n; ++i) x[i * sides + side] = y[i];
+  }
+  free(y);
+  return least > NO_PIVOT * fmax(most, 1);
+}
+
+/* Factors by which equations are solved: in full precision, their narrow copy, or those of raised pivots. */
+enum { FULL, NARROW, RAISED };
+
 /* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
-   are made here; returns 0 if it is singular. Or by the `narrow` copy of sparse factors. */
-HOT int solve_bordered(Problem *p, const Work *w, int narrow, const double *b, double *x) {
+   are made here; returns 0 if it is singular. Or by the narrow copy of sparse factors, or those with raised pivots. */
+HOT int solve_bordered(Problem *p, const Work *w, int factors, const double *b, double *x) {
   int inside = HAS(SLIDERS) && p->border.inside, bordered = HAS(SLIDERS) && p->border.rows && !inside;
   const int *reached = bordered ? w->reached : 0;
   memset(w->y, 0, p->system.positions * sizeof(double)); /* also between groups of unknowns: an earlier one may not be finite */
 #pragma GCC unroll 4
   for (int i = 0; i < p->free; ++i) w->y[p->system.order[i]] = b[i];
-  if (narrow) {
+  if (factors == NARROW) {
     substitute_narrow(p->system.rows, &w->narrow, w->y);
     gather(p->free, w->y, p->system.order, x);
     return 1;
   }
   if (bordered) memset(w->bordering_right, 0, p->border.rows * sizeof(double));
   if (bordered || inside) pass_on(p, 1, 0, w->y, w->bordering_right);
-  if (!HAS(CHAIN | BAND)) substitute_forward(p->system.rows, w->y);
-  else if (!factorise_tangent(p, w, bordered)) return 0;
-  if (bordered) substitute_back(p, w, reached, 1);
-  if (bordered) solve_bordering_rows(p, w, 1, w->bordering_right, w->y);
-  substitute_back(p, w, reached, 0);
+  if (factors == RAISED) {
+    if (!solve_raised(p, w, 1, w->y)) return 0;
+  } else {
+    if (!HAS(CHAIN | BAND)) substitute_forward(p->system.rows, w->y);
+    else if (!factorise_tangent(p, w, bordered)) return 0;
+    if (bordered) substitute_back(p, w, reached, 1);
+    if (bordered) solve_bordering_rows(p, w, 1, w->bordering_right, w->y);
+    substitute_back(p, w, reached, 0);
+  }
   if (bordered || inside) pass_on(p, 1, 1, w->y, w->bordering_right);
   gather(p->free, w->y, p->system.order, x);
   return 1;
@@ -180,7 +236,7 @@ static int refine(Problem *p, const Work *w, const Convergence *c, double *rest)
   memset(x, 0, n * sizeof(double));
   memcpy(r, w->reduced, n * sizeof(double));
   for (int k = 0; k <= p->system.reused.worth; ++k) {
-    solve_bordered(p, w, p->system.reused.narrow, r, proposed);
+    solve_bordered(p, w, p->system.reused.narrow ? NARROW : FULL, r, proposed);
     ++p->system.reused.now;
     double size = size_of(p, w, proposed), error = sqrt(fabs(dot(n, r, proposed))), length = sqrt(dot(n, r, r));
     if (!isfinite(size)) return 0;
@@ -210,61 +266,12 @@ static void begin_reused(ReusedFactors *reused) {
   reused->now = 0;
 }
 
-/* Largest number of pivots that are raised, and ratio of pivots that is zero but for round-off. */
-enum { RAISED = 24 };
-static const double NO_PIVOT = 1e-14;
-
-/* Where pivots vanish, which those of a regular matrix may do that is not positive definite: b_i is added to them, a stiffness or
-   for forces that close loops what these yield, and
-
-       A x = r + sum b_i e_i x_i,    (A with b_i on the diagonals i)
-
-   gives the solution from those for r and all e_i. In place of right sides x, [position][side]; returns 0 if the matrix is
-   singular. */
-static int solve_raised(const Problem *p, const Work *w, int sides, double *x) {
-  int unknowns = p->system.unknowns, n, at[RAISED], exchanged[RAISED], many = 0, regular = 0;
-  double most = 0, least = HUGE_VAL, S[RAISED * RAISED], raised[RAISED], raised_unknowns[RAISED];
-  const SparseRows *rows = p->system.rows;
-  if (HAS(CHAIN | BAND) || (p->border.rows && !p->border.inside)) return 0;
-  double b = largest(p->system.tangent_start[unknowns], w->tangent, 0);
-  n = rows->unknowns;
-  while (b > 0) {
-    fill_factors(p, w);
-    for (int i = 0; i < many; ++i) rows->factors[rows->diagonal[at[i]]] += raised[i];
-    if ((regular = factorise_sparse(rows, w->row)) || many == RAISED) break;
-    at[many] = w->row[0], raised[many] = b;
-    for (int i = 0; i < p->loops.closures; ++i)
-      if (p->system.order[unknowns - p->loops.closures + i] == at[many])
-        raised[many] = -1 / (b * p->loops.length[i] * p->loops.length[i]);
-    ++many;
-  }
-  double *y = regular ? calloc((long)n * (many + 1), sizeof(double)) : 0, *z = y + n;
-  if (!y) return 0;
-  for (int j = 0; j < many; ++j) z[(long)j * n + at[j]] = raised[j], substitute_sparse(rows, z + (long)j * n);
-  for (int i = 0; i < many; ++i)
-    for (int j = 0; j < many; ++j) S[i * many + j] = (i == j) - z[(long)j * n + at[i]];
-  BandRows full = band_rows(many, many, many);
-  factorise_band(&full, S, exchanged);
-  for (int i = 0; i < many; ++i)
-    most = fmax(most, fabs(S[i * many + i])), least = fmin(least, fabs(S[i * many + i]));
-  for (int side = 0; side < sides; ++side) {
-    for (int i = 0; i < n; ++i) y[i] = x[i * sides + side];
-    substitute_sparse(rows, y);
-    gather(many, y, at, raised_unknowns);
-    solve_band_rows(1, &full, S, exchanged, raised_unknowns);
-    for (int j = 0; j < many; ++j) add_times(n, raised_unknowns[j], z + (long)j * n, y);
-    for (int i = 0; i < n; ++i) x[i * sides + side] = y[i];
-  }
-  free(y);
-  return least > NO_PIVOT * fmax(most, 1);
-}
-
 /* Largest error of a solution by the narrow copy with which this serves. */
 static const double NARROW_ERROR = 1e-2;
 
 /* Forgets the narrow copy of new factors if its solution is not nearly theirs: of a matrix that is nearly singular. */
 static void judge_narrow(Problem *p, const Work *w) {
-  solve_bordered(p, w, 1, w->reduced, w->proposed);
+  solve_bordered(p, w, NARROW, w->reduced, w->proposed);
   add_times(p->free, -1, w->step, w->proposed);
   double error = dot(p->free, w->proposed, w->proposed), all = dot(p->free, w->step, w->step);
   p->system.reused.narrow = error <= NARROW_ERROR * NARROW_ERROR * all;
@@ -275,7 +282,7 @@ static void judge_narrow(Problem *p, const Work *w) {
 static int solve_reduced(Problem *p, const Work *w, const Convergence *c, double *rest) {
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
-  if (HAS(CHAIN | BAND)) return solve_bordered(p, w, 0, w->reduced, w->step);
+  if (HAS(CHAIN | BAND)) return solve_bordered(p, w, FULL, w->reduced, w->step);
   p->newton.old_factors = p->newton.raised = 0;
   if (p->system.reused.worth && p->system.reused.present && !p->system.reused.exact) {
     if (HAS(SLIDERS) && p->border.rows) eliminate_bordering_rows(p, w);
@@ -283,17 +290,12 @@ static int solve_reduced(Problem *p, const Work *w, const Convergence *c, double
     if (HAS(SLIDERS) && p->border.rows) fill_bordering_rows(p, w);
   }
   if (!factorise_tangent(p, w, 0)) {
-    memset(w->y, 0, p->system.positions * sizeof(double));
-    for (int i = 0; i < p->free; ++i) w->y[p->system.order[i]] = w->reduced[i];
-    if (HAS(SLIDERS) && p->border.inside) pass_on(p, 1, 0, w->y, 0);
-    p->newton.raised = solve_raised(p, w, 1, w->y) ? 1 : -1;
-    if (HAS(SLIDERS) && p->border.inside) pass_on(p, 1, 1, w->y, 0);
-    gather(p->free, w->y, p->system.order, w->step);
+    p->newton.raised = solve_bordered(p, w, RAISED, w->reduced, w->step) ? 1 : -1;
     if (p->newton.raised > 0 || !p->scheme.at_rest || largest(p->free, w->reduced, 0) > 0) return p->newton.raised > 0;
     memset(w->step, 0, p->free * sizeof(double)); /* a straight path that bifurcates needs no correction */
     return 1;
   }
-  if (!solve_bordered(p, w, 0, w->reduced, w->step)) return 0;
+  if (!solve_bordered(p, w, FULL, w->reduced, w->step)) return 0;
   if (p->system.reused.narrow) judge_narrow(p, w);
   return 1;
 }
