@@ -22,9 +22,9 @@ from .tangent_derivatives import Pairs, TangentDerivatives
 
 
 class TangentAnalysis:
-    """Stiffness, damping and mass about equilibria of scenes of parameters, for a response `what`.
+    """Stiffness, damping and mass about equilibria of scenes of parameters, for a `caller`.
 
-    `asked` is the function that is asked for, in messages of calls. Damping counts if `damped`.
+    Messages of calls name the `analysis`. Damping counts if `damped`.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class TangentAnalysis:
     ):
         if state is not None:
             check_takes(state, "scene", f"{caller}: state")
-        self.parameters, self._what, self._asked = parameters, caller, analysis
+        self.parameters, self._caller, self._analysis = parameters, caller, analysis
         self._state, self._damped = state, damped
         #: The linearised scene of the last call.
         self.linear: Linearisation
@@ -64,8 +64,8 @@ class TangentAnalysis:
         self._path = path_of(self._end, scene)
         is_static = self._state is None or self._path is not None
         expected = "a solution of fx_beam.static(scene)"
-        require(is_static, f"{self._what}: state(scene)", self._end, expected)
-        linear = linearised(scene, self._end, self._asked, self._models)
+        require(is_static, f"{self._caller}: state(scene)", self._end, expected)
+        linear = linearised(scene, self._end, self._analysis, self._models)
         scheme, unknowns = linear.model.scheme, len(linear.unknowns)
         self.parameters.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)
         if self._damped and linear.may_be_damped:
@@ -79,7 +79,7 @@ class TangentAnalysis:
             start: StateChange | None = None
             derivatives = self.parameters.derivatives
             if self._path is not None and self.linear.model.kinks.flows:
-                start = StaticDerivatives(self._path).change_of_end(derivatives, self._what)
+                start = StaticDerivatives(self._path).change_of_end(derivatives, self._caller)
             self._changes = derivatives(functools.partial(self._tangent.numbers_of, start=start))
         return self._changes
 

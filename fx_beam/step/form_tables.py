@@ -286,8 +286,8 @@ def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:
 def in_lanes(rows: np.ndarray, lanes: int, first_free: int | None = None) -> np.ndarray:
     """Rows in blocks of `lanes`, column by column (blocks, columns, lanes).
 
-    The last block is padded with copies of the last row, or with indices from `behind` on, which
-    lie apart: the processor waits where what is stored overlaps.
+    The last block is padded with copies of the last row, or with indices from `first_free` on,
+    which lie apart: the processor waits where what is stored overlaps.
     """
     missing = -len(rows) % lanes
     if missing:

@@ -197,7 +197,7 @@ def static_tape(
 ) -> Tape:
     """The steps from a state over others, as rows of a tape (c/tape.h).
 
-    Their length is the increment of the load factor, and their `ratio` the factor itself. Without
+    Their length is the increment of the load factor, and their memory the factor itself. Without
     internal variables an equilibrium depends on none before, and is a step from itself.
     """
     model, t = problem.model, np.array([forcing.time])
