@@ -314,9 +314,9 @@ class ModalResponse(OfParameters):
                 f"ModalResponse: mode {modes[int(np.argmin(abs(s.imag)))]} does not vibrate: it is "
                 "overdamped, or grows, and has no derivatives with damped=True"
             )
-        by_frequency = np.where(s.imag, np.conj(s) / w, -1.0)
-        by_ratio = (s.real * np.conj(s) / w**2 - 1) / w
-        return np.array([by_frequency, by_ratio] if self._damped else [by_frequency])
+        frequency_factors = np.where(s.imag, np.conj(s) / w, -1.0)
+        ratio_factors = (s.real * np.conj(s) / w**2 - 1) / w
+        return np.array([frequency_factors, ratio_factors] if self._damped else [frequency_factors])
 
     def _pairs(self, left: np.ndarray, right: np.ndarray) -> Pairs:
         """Pairs with the derivatives of roots s, or of entries of matrices for equal roots.
