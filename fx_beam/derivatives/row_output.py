@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import dual_array
+from fx_beam.dual import MaybeDual, dual_array
 from fx_beam.motions.numbers import OF_OUTPUT
 from fx_beam.results.solution import Solution, history
 from fx_beam.results.state import HISTORIES
@@ -26,9 +26,11 @@ def place_of(name: str) -> str:
     return "place" + OF_OUTPUT + name
 
 
-def numbers_of_places(outputs: Mapping[str, Any], known: Mapping[str, object]) -> dict[str, object]:
+def numbers_of_places(
+    outputs: Mapping[str, Any], known: Mapping[str, object]
+) -> dict[str, MaybeDual]:
     """Numbers of outputs at places, in the elements of those that are known."""
-    numbers = {}
+    numbers = dict[str, MaybeDual]()
     for name, output in known.items():
         if isinstance(output, Output) and isinstance(output.of, BeamPlace):
             place, (element, _) = outputs[name].of, output.of.element
