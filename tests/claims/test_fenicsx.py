@@ -301,6 +301,13 @@ def test_steps_do_not_keep_memory():
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20e3
 
 
+def test_a_beam_of_many_elements_is_that_of_the_engine():
+    # The keys of 47 000 unknowns, row n + column, do not fit into 32 bits.
+    scene, _ = pinned_bar((160, 0), SECTION, 16_000, gravity=(0, -9.81))
+    solution = fenicsx.Problem(scene, dt=DT).run(DT)
+    assert_same(solution, fb.simulate(scene, dt=DT, t_end=DT), 1e-9)
+
+
 # -- Statics ---------------------------------------------------------------------------------------
 
 
