@@ -174,7 +174,7 @@ class MotionAnalysis(Analysis):
             if prepared.stepper.trial(state, state.t + short, tape=tape).state is None:
                 return None  # such a step may fail with unknowns that have no mass
         numbers_of = functools.partial(self._numbers_of_steps, tape, short, None, False)
-        changes = self.parameters.derivatives(lambda *given: numbers_of(*given)[2])
+        changes = self.parameters.derivatives(lambda scene, change: numbers_of(scene, change)[2])
         rates = derivatives.jvp(tape, changes, np.ones(1, int))["v"][0]
         return np.where(model.massless, 2, 1) * rates / short  # those are means
 

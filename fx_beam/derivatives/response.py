@@ -152,7 +152,10 @@ class Response(OfParameters):
         """Know of no call yet; copies and pickles begin with the same arguments."""
         self._arguments = build, analysis
         self._parameters = Parametrised(
-            build, self._read, self._gives, lambda *given: self._analysis.numbers_of_outputs(*given)
+            build,
+            self._read,
+            self._gives,
+            lambda *numbers: self._analysis.numbers_of_outputs(*numbers),
         )
         self._analysis = analysis(self._parameters)
         #: Names of the outputs, from the first scene on.

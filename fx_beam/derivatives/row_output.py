@@ -54,7 +54,7 @@ class Needs(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Where the rows of outputs are in the states of a run, and what is known of it."""
+    """Places of the rows of outputs among the states of a run, and what is known of it."""
 
     sub_steps: SubSteps
     #: Numbers of the scene, and of its outputs, by name.

@@ -54,7 +54,7 @@ class MotionSeries:
     ) -> Run:
         """A run that is to take its steps; it may overwrite the rows of another one."""
         clock = time.perf_counter()
-        if start is not None or (old is not None and old.options != options):
+        if start is not None or (old is not None and old.options is not options):
             old = None
         t0 = 0.0 if start is None else end_of(start).t
         grid = options.grid(t0, start is not None) if old is None else old.grid

@@ -16,7 +16,7 @@ from .surroundings import call_with_arrays
 
 
 class SetUp(Protocol):
-    """What serves one scene after the other."""
+    """A model, or a prepared motion, that serves one scene after the other."""
 
     @property
     def size(self) -> int:

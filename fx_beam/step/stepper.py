@@ -67,10 +67,10 @@ class Stepper:
             if halving.times:
                 ends = halving.ends(np.append(t0, times)[done:])
                 part_inputs = loop.inputs_ahead(state.t, ends)
-            before = stats.steps
+            steps_before = stats.steps
             steps = Steps(ends, dt / parts, part_inputs, first + done, halving.done, parts)
             result = loop.take(state, steps, recorder, self._completed)
-            state, error, steps_done = result.state, result.error, stats.steps - before
+            state, error, steps_done = result.state, result.error, stats.steps - steps_before
             done += steps_done
             if result.failed:
                 loop.state.past = None
