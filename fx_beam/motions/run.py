@@ -247,12 +247,12 @@ class Run:
 
     def _solution(self) -> Solution:
         """The solution of the steps so far."""
-        if self._files is None:
-            solution = self._of_rows(None)
-        else:
+        rows = None
+        if self._files is not None:
             self._files.take()
             self._files.save(self._of_rows, always=True)
-            solution = self._of_rows(self._files.histories())
+            rows = self._files.histories()
+        solution = self._of_rows(rows)
         solution.resultants_of_beam = self.lease.reads(solution.resultants_of_beam)
         return solution
 

@@ -13,13 +13,13 @@ from fx_beam.content_cache import cached_property
 from fx_beam.coupling.graph import Auxiliaries, couple, motors
 from fx_beam.coupling.joints_in_c import begin_to_build_joints
 from fx_beam.coupling.reduction import Reduction
-from fx_beam.dual import floats
+from fx_beam.dual import MaybeDual, floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
-from fx_beam.fem.scene_data import Arms, Data, form_data
+from fx_beam.fem.scene_data import Arms, Data, FormData, form_data
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS
 from fx_beam.scene.beam import Beam
@@ -70,34 +70,14 @@ class Model:
         self.kinks = Kinks(scene, forms, scheme.rates.at_rest)
         #: The mass of beams and lumped ones.
         self.masses = Mass(scene, self.mesh, forms.stiffness, forms.cell_entries)
-        masses, arms = self.masses.numbers_of(scene, X), Arms.of(scene)
-        weights = functools.partial(self.masses.places.weights, entries=masses["mass"])
-        loads = dead_loads(scene, self.mesh, self.mesh.X, weights)
-        natural = natural_strains(scene, self.mesh)
-        data = Data(
-            scene,
-            X,
-            form_numbers,
-            masses,
-            loads,
-            natural,
-            arms,
-            motors(scene),
-            LoadedBeams.of(scene),
-        )
-        self._set(data, moved=True)
+        self._set(data := self.read(scene, X, form_numbers), moved=True)
         self.masses.assembled += [str(load) for load in scene.loads]
         self.masses.name(scene, scheme.rates.at_rest)
         self.reduction: Reduction
         self._build_reduction()
         if sticks(scene) and not scheme.rates.at_rest:
-            from .inertia import mobility
-
-            mass = self.masses.places.matrix(floats(masses["mass"]))
-            moves = mobility(data, mass, self.reduction, self.mesh)
-            damped = form_data(scene, self.mesh, X, scheme.rates, moves)
-            self.data = data._replace(forms=damped)
-            forms.bind(damped)
+            self.data = self.damped(data, self.reduction)
+            forms.bind(self.data.forms)
         #: The structure of the scene.
         self.structure = Structure(scene)
         # Whether masses hold nothing, and whether loads may hold a mechanism.
@@ -119,6 +99,33 @@ class Model:
             self.mechanism = mechanism_of(
                 self.scene, self.mesh, self.forms.beam_pattern, mass, self._rests[1]
             )
+
+    def read(self, scene: Scene, X: MaybeDual, forms: FormData, known: Data | None = None) -> Data:
+        """The numbers of a scene with nodes at X (n, 2); loads that are not there are those known.
+
+        Friction that sticks has the damping of `forms`; see `damped`.
+        """
+        masses, mesh, arms = self.masses.numbers_of(scene, X), self.mesh, Arms.of(scene)
+        if scene.loads or known is None:
+            weights = functools.partial(self.masses.places.weights, entries=masses["mass"])
+            loads = dead_loads(scene, mesh, floats(X), weights)
+        else:
+            loads = known.loads
+        if scene.natural_strains or known is None:
+            natural = natural_strains(scene, mesh)
+        else:
+            natural = known.natural
+        moved, beams = motors(scene), LoadedBeams.of(scene)
+        return Data(scene, X, forms, masses, loads, natural, arms, moved, beams)
+
+    def damped(self, data: Data, reduction: Reduction) -> Data:
+        """Numbers in which friction that sticks has critical damping, by the masses it holds."""
+        from .inertia import mobility
+
+        mass = self.masses.places.matrix(floats(data.masses["mass"]))
+        moves = mobility(data, mass, reduction, self.mesh)
+        forms = form_data(data.scene, self.mesh, data.X, self.scheme.rates, moves)
+        return data._replace(forms=forms)
 
     def bind(self, data: Data) -> None:
         """Set all numbers, as if this were set up anew; OtherStructureError, then nothing is set.

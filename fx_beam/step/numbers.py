@@ -2,42 +2,27 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 
-from fx_beam.coupling.graph import joints_with_arms, motors
+from fx_beam.coupling.graph import joints_with_arms
 from fx_beam.coupling.joints_in_c import numbers_of_gears
-from fx_beam.dual import MaybeDual, dual_array, floats
-from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
-from fx_beam.fem.scene_data import Arms, Data, form_data
+from fx_beam.dual import MaybeDual, dual_array
+from fx_beam.fem.scene_data import Data, form_data
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
 
-from .inertia import mobility
 from .model import Model, sticks
 
 
 def data_of(model: Model, scene: Scene) -> Data:
     """The numbers of a scene; OtherStructureError if it differs in more from that of the model."""
     model.structure.check(scene)
-    mesh, rates, data = model.mesh, model.scheme.rates, model.data
-    X = mesh.positions_of(scene)
-    masses, known = model.masses.numbers_of(scene, X), model.data
-    loads, natural, forms = known.loads, known.natural, form_data(scene, mesh, X, rates)
-    if scene.loads:
-        weights = functools.partial(model.masses.places.weights, entries=masses["mass"])
-        loads = dead_loads(scene, mesh, floats(X), weights)
-    if scene.natural_strains:
-        natural = natural_strains(scene, mesh)
-    moving = (Arms.of(scene), motors(scene)) if scene.joints else (known.arms, known.motors)
-    data = Data(scene, X, forms, masses, loads, natural, *moving, LoadedBeams.of(scene))
+    rates, X = model.scheme.rates, model.mesh.positions_of(scene)
+    data = model.read(scene, X, form_data(scene, model.mesh, X, rates), model.data)
     if not rates.at_rest and (scene.joints or scene.contacts) and sticks(scene):
-        fits = not model.couplings.need_places or data.lies_as(known)
+        fits = not model.couplings.need_places or data.lies_as(model.data)
         fitting = model if fits else Model(scene, model.scheme, part=True)
-        mass = model.masses.places.matrix(floats(masses["mass"]))
-        moves = mobility(data, mass, fitting.reduction, mesh)
-        data = data._replace(forms=form_data(scene, mesh, X, rates, moves))
+        data = model.damped(data, fitting.reduction)
     _check(model, data)
     return data
 

@@ -51,22 +51,13 @@ class CompiledSingleSteps:
         #: Whether other functions change in time.
         self._varies = False
         followers = [load.value for load in model.scene.loads if load.follower]
-        for function, view, passed in (
-            *(
-                (signal, loads[:, :, columns], ends)
-                for columns, signal in model.data.loads.functions
-            ),
-            *((signal, follower_force[:, i], ends) for i, signal in enumerate(followers)),
-            *((signal, driven[:, i], ends) for i, signal in enumerate(forcing.functions)),
-            *(
-                (signal, parameters[:, :, i], level_and_end)
-                for i, signal in enumerate(model.forms.parameters.functions)
-            ),
-            *(
-                (signal, natural[:, columns.start], ends)
-                for columns, signal in model.data.natural.functions
-            ),
-        ):
+        data, varying = model.data, enumerate(model.forms.parameters.functions)
+        views = [(signal, loads[:, :, columns], ends) for columns, signal in data.loads.functions]
+        views += [(signal, follower_force[:, i], ends) for i, signal in enumerate(followers)]
+        views += [(signal, driven[:, i], ends) for i, signal in enumerate(forcing.functions)]
+        views += [(signal, parameters[:, :, i], level_and_end) for i, signal in varying]
+        views += [(signal, natural[:, c.start], ends) for c, signal in data.natural.functions]
+        for function, view, passed in views:
             if isinstance(function, InputSignal):
                 self._live.append((function, view, passed))
             elif not function.is_constant:
