@@ -47,6 +47,7 @@ class Prepared:
     def _begin_stats(self) -> None:
         damping = self.model.data.forms.friction_damping
         self.stats = stats_of(self.model, solver="", friction_damping=damping)
+        #: Dead loads and driven motions.
         self.forcing = Forcing(self.model)
 
     def _begin_steps(self, options: Options) -> None:

@@ -96,13 +96,13 @@ class Run:
     """The motion of a prepared scene by the steps of a grid, from its first state on.
 
     `scene` has its inputs still, and stays as it is until solutions are read if it `stays`.
-    These have the lease. Rows are written `over` those of a run on the same grid, which nothing
-    needs.
+    These have the lease. Rows are written over those of the `old` run on the same grid, which
+    nothing needs.
     """
 
     def __init__(
         self,
-        lease: Lease,
+        lease: Lease[Prepared],
         scene: Scene,
         start: Solution | None,
         grid: tuple[np.ndarray, Tolerance | None],
@@ -111,7 +111,7 @@ class Run:
     ):
         #: The lease of what is prepared.
         self.lease, self._scene, self._stays = lease, scene, stays
-        self.prepared: Prepared = (prepared := lease.set_up)
+        self.prepared = prepared = lease.set_up
         self._watch = Watch(scene)
         #: What was asked for, and with it the ends of steps [s] or what controls them.
         self.options, self.grid = prepared.options, grid
@@ -142,7 +142,6 @@ class Run:
         self._first = float(self.times[1] - self.times[0]) if control is None else control.first
         state = prepared.recorded_state(recorder, self._first, start, control is not None)
         prepared.loop.record(state, recorder)
-        self._clock = time.perf_counter()
 
     def take_steps(self, finish: Callable[[], _T]) -> _T:
         """Take all steps; gives what `finish` does. Exceptions have the solution so far."""

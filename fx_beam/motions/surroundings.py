@@ -16,28 +16,21 @@ from fx_beam.scene.scene import Scene
 _log = logging.getLogger("fx_beam")
 
 
-class _OfThread(threading.local):
-    """Series of motions of each thread."""
-
-    #: The `MotionSeries` of a worker of a sweep, whose scenes of equal structure share a model; and
-    #: while it calls a function of the user the same, else None.
-    own: Any = None
-    series: Any = None
-
-
-_THREAD = _OfThread()
+# `own` is the `MotionSeries` of a worker of a sweep, whose scenes of equal structure share a model,
+# and `series` the same while it calls a function of the user.
+_THREAD = threading.local()
 
 
 def thread_series() -> Any:
     """The series that a sweep's worker has set for this thread; None outside of sweeps."""
-    return _THREAD.series
+    return getattr(_THREAD, "series", None)
 
 
 @contextmanager
 def simulating_in_series(make: Callable[[], Any]) -> Iterator[None]:
     """In this block, which only workers of a sweep have, `simulate` uses the thread's series."""
-    _THREAD.own = _THREAD.own or make()
-    outer_series, _THREAD.series = _THREAD.series, _THREAD.own
+    _THREAD.own = getattr(_THREAD, "own", None) or make()
+    outer_series, _THREAD.series = thread_series(), _THREAD.own
     try:
         yield
     finally:
