@@ -19,6 +19,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, displaced
 from fx_beam.scene.beam import Node
 
+from . import symbols
 from .backend import check_renderer
 from .drawing import (
     Drawing,
@@ -32,17 +33,6 @@ from .drawing import (
 )
 from .members import SEQUENTIAL, Members
 from .sheet import Plane, panels, picture, written
-from .symbols import (
-    Supports,
-    draw_between,
-    draw_bodies,
-    draw_forces,
-    draw_hinges,
-    draw_lines,
-    draw_marks,
-    draw_moving,
-    draw_surroundings,
-)
 
 _MANY = 1000  # members above which their tubes have six sides
 
@@ -134,10 +124,10 @@ def shapes(
             look = {} if colour else {"facecolor": shade}
             members.move(ax.add_collection(members.collection(2.2, 2 + 1e-4 * order, **look)), k)
     for k, shade in zip(shown, shades, strict=True):
-        draw_moving(ax, drawing, k, shade, small=True)
-        draw_forces(ax, drawing, k, shade)
-    draw_surroundings(ax, drawing, shown[-1])
-    draw_marks(ax, drawing, shown[0], marks)
+        symbols.draw_moving(ax, drawing, k, shade, small=True)
+        symbols.draw_forces(ax, drawing, k, shade)
+    symbols.draw_surroundings(ax, drawing, shown[-1])
+    symbols.draw_marks(ax, drawing, shown[0], marks)
     return written(plane.figure, path)
 
 
@@ -262,12 +252,12 @@ def _draw(ax, drawing: Drawing, mode_rows: np.ndarray) -> None:
         looks[_LATER] = {"color": _MODE, "linewidth": 1.0, "linestyle": "--"}
     for row, look in looks.items():
         lines = [drawing.axis(name, row) for name in drawing.solution.beams]
-        draw_lines(ax, lines, **{"linewidth": 2.0 * drawing.thinness, "zorder": 2} | look)
+        symbols.draw_lines(ax, lines, **{"linewidth": 2.0 * drawing.thinness, "zorder": 2} | look)
         if row != _LATER:
-            draw_bodies(ax, drawing, row, look["color"], small=True)
-    draw_between(ax, drawing, _MOVED)
-    draw_hinges(ax, drawing, _MOVED)
-    Supports(drawing).draw(ax, _AT_REST)
+            symbols.draw_bodies(ax, drawing, row, look["color"], small=True)
+    symbols.draw_between(ax, drawing, _MOVED)
+    symbols.draw_hinges(ax, drawing, _MOVED)
+    symbols.Supports(drawing).draw(ax, _AT_REST)
 
 
 def _kind(modes: Modes, mode: int) -> str:

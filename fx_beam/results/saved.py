@@ -176,11 +176,10 @@ def _read(raw: BinaryIO) -> Solution:
         for member, beam_nodes in zip(members, pieces, strict=True):
             # Files of the first version have no carriers.
             name, degree, s, fractions, *lines = member.values()
-            fraction_array = None if fractions is None else np.array(fractions)
+            s, fractions = np.array(s), None if fractions is None else np.array(fractions)
             corners = tuple(map(parts.node, beam_nodes))[::degree]
             carriers = tuple(parts.node(number) for line in lines for number in line)
-            laid = None, None, fraction_array, carriers
-            parts.beams[name] = Beam(name, corners, degree, np.array(s), *laid)
+            parts.beams[name] = Beam(name, corners, degree, s, None, None, fractions, carriers)
             nodes_of_beam[name] = beam_nodes
     resultants = dict[str, BeamResultants]()
     known = {name: parts.read(part) for name, part in meta.items()}

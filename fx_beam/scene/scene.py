@@ -240,8 +240,9 @@ class Scene:
         carriers, nodes = (self._nodes_at(x.ends, f"beam {name!r}") for x in (line, axis))
         for a, b in zip(carriers, nodes, strict=True):
             self._numbered(Rigid(a, b, offset=(b.x - a.x, b.y - a.y)))
-        more = axis.inner, line.s / line.s[-1], carriers
-        return self.beams.add(Beam(name, nodes, degree, axis.s, section, *more))
+        fractions = line.s / line.s[-1]
+        beam = Beam(name, nodes, degree, axis.s, section, axis.inner, fractions, carriers)
+        return self.beams.add(beam)
 
     def add_mesh(
         self,

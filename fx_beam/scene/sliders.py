@@ -248,9 +248,8 @@ def Slider(
     >>> round(float(solution.joint(mass).slide[-1]), 9)
     2.0
     """
-    return _sliding(
-        "Slider", beam, node, fraction, (spring, damper, motor, friction, stop), Coordinate()
-    )
+    slide = checked_coordinate("motor of a slider", spring, damper, motor, friction, stop)
+    return _sliding("Slider", beam, node, fraction, slide, Coordinate())
 
 
 def Sleeve(
@@ -313,7 +312,8 @@ def Sleeve(
     >>> round(math.degrees(solution.rotation(rod.start)[-1]), 1)
     90.0
     """
-    return _sliding("Sleeve", beam, node, fraction, (spring, damper, motor, friction, stop), None)
+    slide = checked_coordinate("motor of a sleeve", spring, damper, motor, friction, stop)
+    return _sliding("Sleeve", beam, node, fraction, slide, None)
 
 
 def sliding_joints(joints: Iterable[Joint]) -> list[SlidingJoint]:
@@ -321,7 +321,7 @@ def sliding_joints(joints: Iterable[Joint]) -> list[SlidingJoint]:
     return [joint for joint in joints if isinstance(joint, SlidingJoint)]
 
 
-def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
+def _sliding(kind, beam, node, fraction, slide, rotation) -> SlidingJoint:
     if not isinstance(beam, Beam):
         raise SceneError(f"{kind}: {beam!r} is not a beam; give the beam that guides the node")
     expected = "given: a guide on the ground needs its place at the start, a fraction of the beam"
@@ -332,7 +332,5 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         ok = 0 <= as_float(fraction) <= 1
         require(ok, f"{kind}: fraction", fraction, "a number from 0 to 1")
         fraction = as_float(fraction)
-    slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
-    ends, zero = (beam.nodes[0], node), (0.0, 0.0)
-    extra = {"beam": beam, "fraction": fraction}
-    return new_joint(SlidingJoint, kind, *ends, zero, None, slide, rotation, **extra)
+    parts = {"slide": slide, "rotation": rotation, "beam": beam, "fraction": fraction}
+    return new_joint(SlidingJoint, kind, beam.nodes[0], node, (0.0, 0.0), **parts)
