@@ -324,9 +324,9 @@ def checked_rows(
     return [range(last + 1)[k] for k in rows]  # -1 is the last one
 
 
-def checked_drawing(solution: Solution, magnify: float, unit: str, *choice) -> Drawing:
+def checked_drawing(solution: Solution, magnify: float, unit: str, *usual, **choice) -> Drawing:
     """A drawing of the rows that `checked_rows` gives for a choice."""
-    rows = checked_rows(solution, *choice)
+    rows = checked_rows(solution, *usual, **choice)
     return Drawing(solution, rows, positive(magnify, "magnify"), unit)
 
 

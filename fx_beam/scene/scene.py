@@ -6,7 +6,7 @@ import copy
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -133,10 +133,12 @@ class Scene:
         for node in self.nodes:
             object.__setattr__(node, "scene", self)
 
-    def __getattr__(self, name: str) -> NoReturn:
-        from fx_beam.other_names import no_attribute
+    if not TYPE_CHECKING:
 
-        raise no_attribute(self, name, dir(type(self)))
+        def __getattr__(self, name):
+            from fx_beam.other_names import no_attribute
+
+            raise no_attribute(self, name, dir(type(self)))
 
     @property
     def gravity(self) -> np.ndarray | None:
