@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import weakref
-from typing import Any
 
 import numpy as np
 
@@ -155,7 +154,7 @@ def _nearest_on_cubic(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     """Places x in [0, 1] where the length of a cubic (4, 2) may be least, ends first; lengths."""
     slopes = np.arange(1, 4)[:, None] * coefficients[1:]
     # The square of the distance is a polynomial of degree 6.
-    square: Any = sum(np.convolve(component, component) for component in coefficients.T)
+    square = np.sum([np.convolve(part, part) for part in coefficients.T], axis=0)
     x = np.roots(np.arange(6, 0, -1) * square[:0:-1])
     powers = np.clip(x.real[abs(x.imag) < 1e-3], 0, 1)[:, None] ** np.arange(4)
     # A step of Gauss and Newton takes away what round-off has left.

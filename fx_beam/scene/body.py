@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from fx_beam.dual import dual_array
 from fx_beam.errors import IS_DATA, SceneError, is_name, require
@@ -71,7 +71,7 @@ class Members(list[T]):
         #: Names that were ever given.
         self.names: set[str] = set()
 
-    def __getitem__(self, key: Any) -> Any:
+    def __getitem__(self, key):
         if not isinstance(key, str):
             return super().__getitem__(key)
         members = {member.name: member for member in self}

@@ -174,6 +174,8 @@ class SignalAlong(Signal):
     one by one otherwise. It is tried at time 0, so that errors show before the run.
     """
 
+    function: Callable
+
     def __init__(self, function: Callable, size: int, name: str, length: float, place: str):
         if not callable(function):
             raise SceneError(f"{name}: {shown(function)} must be a function of ({place}, t)")
@@ -217,12 +219,11 @@ class SignalAlong(Signal):
 
     def _at_once(self, positions: np.ndarray, t: float) -> MaybeDual | None:
         """Values (n, size) of one call; None if they do not fit."""
-        function: Any = self.function
+        function = self.function
         return _at_once(lambda position: function(position, t), self.size, positions[:, None])
 
     def _at_each(self, positions: np.ndarray, t: float) -> MaybeDual:
         places, function = positions.tolist(), self.function
-        assert function is not None
         with suppress(Exception):  # which is found below, with its place
             values = dual_array([function(position, t) for position in places])
             values = values.reshape(len(places), self.size)
@@ -233,9 +234,8 @@ class SignalAlong(Signal):
     def _checked(self, position: float, t: float) -> np.ndarray:
         """The value at a place; SceneError, with the place, for a wrong one."""
         name = f"{self.what} at {self.place} = {position:g}, t = {t:g}"
-        function: Any = self.function
         try:
-            value = function(position, t)
+            value = self.function(position, t)
         except Exception as error:
             raise SceneError(f"{name}: calling it raised {error!r}") from error
         return vector(value, self.size, name)

@@ -688,9 +688,10 @@ def constraints_of(scene) -> Constraints:
     return Constraints(joints, tuple(sorted(scene.fixed)), tuple(sorted(scene.prescribed)))
 
 
-def coupling_of(joint: Joint) -> JointKey:
+def coupling_of(joint: Joint) -> tuple:
     """Kind, nodes and place of a joint: of two joints with the same ones, one is enough."""
-    return replace(key_of(joint), number=-1, motors=())
+    key = key_of(joint)
+    return key.kind, key.a, key.b, key.place, key.beam
 
 
 def key_of(joint: Joint) -> JointKey:

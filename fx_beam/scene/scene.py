@@ -30,7 +30,7 @@ from .curve import Curve, layout
 from .forces_between import ForceBetween, Point, Pull, checked_force, rope_spring
 from .functions import ArrayCalls, Signal
 from .inputs import Input, TimeValue, time_function
-from .joints import GROUND, Joint, JointKey, Revolute, Rigid, coupling_of, moved_by, placed
+from .joints import GROUND, Joint, Revolute, Rigid, coupling_of, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .parameters import Parameters, is_parameter
@@ -112,7 +112,7 @@ class Scene:
         self.gears: list[Gear] = []
         #: Joints that were ever added: as their numbers stay, so do rows of solutions.
         self.joint_count = 0
-        self._couplings: dict[JointKey, Joint] = {}
+        self._couplings: dict[tuple, Joint] = {}
         self.contacts: list[Contact] = []
         self.forces_between: list[ForceBetween] = []
         #: Contacts and forces between points that were ever added: their numbers stay as well.
