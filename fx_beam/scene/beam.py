@@ -16,7 +16,6 @@ from fx_beam.errors import (
     LARGEST,
     SceneError,
     as_float,
-    is_number,
     is_whole,
     real_array,
     require,
@@ -103,6 +102,8 @@ class Nodes(list[Node]):
 
     def add(self, x: float, y: float, scene: object) -> Node:
         """A new node of a scene at a place [m]."""
+        if not type(x) is type(y) is float:
+            x, y = as_float(x), as_float(y)
         node = Node(len(self), x, y, scene)
         self.append(node)
         return node
@@ -198,8 +199,8 @@ class Beam:
             For a place beyond the ends.
         """
         place, name = as_float(s), f"beam {self.name!r}: at"
-        ok, tolerance = is_number(s), 1e-9 * self.length
-        ok = ok and -tolerance <= place <= self.length + tolerance
+        tolerance = 1e-9 * self.length
+        ok = -tolerance <= place <= self.length + tolerance
         require(ok, name, s, f"an arc length from 0 to the length of the beam, {self.length:g}")
         return BeamPlace(self, min(max(place, 0.0), self.length))
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from fx_beam.errors import (
     SceneError,
-    as_float,
     finite,
     is_flag,
     is_name,
@@ -1587,8 +1586,6 @@ class Scene:
         for end in ends:
             if not isinstance(end, Node):
                 x, y = end
-                if not type(x) is type(y) is float:
-                    x, y = as_float(x), as_float(y)
                 end = self.nodes.add(x, y, self)
             nodes.append(end)
         return tuple(nodes)
