@@ -146,8 +146,9 @@ class SmallMotions:
 
     def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
         """The n lowest eigenvalues of a tangent in unit unknowns, and vectors (unknowns, n)."""
-        metric = scipy.sparse.diags(self.unit**-2.0).tocsr()
-        modes = UndampedModes(((K + K.T) / 2).tocsr(), metric)
+        symmetric = Extended.plain(((K + K.T) / 2).tocsr())
+        metric = Extended.plain(scipy.sparse.diags(self.unit**-2.0).tocsr())
+        modes = UndampedModes(symmetric, metric)
         roots, _, vectors = modes.lowest(min(n, K.shape[0]))
         return np.sign(roots) * roots**2, vectors
 

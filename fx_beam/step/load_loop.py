@@ -64,9 +64,8 @@ class LoadLoop(CompiledLoop):
         # Dead forces at the end and their mean, and natural strains, for C.
         self._given_forces = [*self.problem.given()]
         #: The equations of load steps, which have the arrays of the loop.
-        self.equations = Equations(
-            model, forcing.time, forcing.turning, forcing.natural, self.problem
-        )
+        time, turning = forcing.time, forcing.turning
+        self.equations = Equations(model, time, turning, forcing.natural, self.problem)
 
     @property
     def drag(self) -> float:

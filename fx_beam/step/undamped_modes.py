@@ -56,20 +56,13 @@ class Symmetry:
 
 
 class UndampedModes:
-    """Modes of stiffness K and mass M, in compressed rows or as `Extended` matrices.
+    """Modes of stiffness K and mass M.
 
     Factors of K - x M have one sparsity, whatever x: they count eigenvalues and give vectors. Other
     unknowns of the system have vectors as well; `massive` are the unknowns (free,) with mass.
     """
 
-    def __init__(
-        self,
-        K: scipy.sparse.csr_matrix | Extended,
-        M: scipy.sparse.csr_matrix | Extended,
-        massive: np.ndarray | None = None,
-    ):
-        if not isinstance(K, Extended):
-            K, M = (Extended.plain(matrix) for matrix in (K, M))
+    def __init__(self, K: Extended, M: Extended, massive: np.ndarray | None = None):
         K = K.with_data(K.system.data * (abs(K.system.data) > _TINY))
         k, m, free = abs(K.alone.diagonal()), M.alone.diagonal(), K.free
         self._free, heavy = free, m > 0
