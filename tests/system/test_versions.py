@@ -7,74 +7,15 @@ import sys
 
 import ufl
 
-import numpy as np
 import pytest
 from plain_step import assert_balanced
 from scenes import pinned_beam
 
 import fx_beam as fb
 from fx_beam import c_library
-from fx_beam.fem import elements, ffcx_api
-from fx_beam.fem.assembly import Field, Term
-from fx_beam.fem.form_library import form_module
-from fx_beam.fem.mesh import Mesh
-from fx_beam.laws.interval import StepBatch
+from fx_beam.fem import ffcx_api
 from fx_beam.motions import set_ups
-from fx_beam.scene.beam import gauss_rule
 from fx_beam.step import build
-from fx_beam.symbolic import Written
-
-# -- Quadrature ----------------------------------------------------------------------------------
-
-
-ON = elements.domain(1)
-X = ufl.SpatialCoordinate(ON)[0]
-STILL = StepBatch.at_rest(np.zeros(0))
-
-
-def row(cells, length=1.0):
-    """Cells of a length one behind the other."""
-    ends = np.arange(cells)[:, None] + np.arange(2)
-    places = np.column_stack([length * np.arange(cells + 1.0), np.zeros(cells + 1)])
-    return Mesh(places, ends, [np.arange(cells)], curved=False)
-
-
-def compiled(form, names):
-    (functional,) = form_module(None, lambda: Written({"a functional": form}, names)).forms.values()
-    return functional
-
-
-def integral(form, mesh, data=None):
-    names = {symbol: f"field {k}" for k, symbol in enumerate(data or {})}
-    fields = {names[symbol]: field for symbol, field in (data or {}).items()}
-    return Term(compiled(form, names), mesh, fields).total(STILL)
-
-
-@pytest.mark.parametrize("points", range(1, 6))
-def test_the_rule_of_a_form_is_that_of_gauss(points):
-    dx = elements.measure(ON, points)
-    computed = [integral(X**power * dx, row(1)) for power in range(2 * points + 1)]
-    exact = 1 / (1 + np.arange(2 * points + 1))
-    assert computed[:-1] == pytest.approx(exact[:-1], rel=1e-14)
-    # n points leave of x^2n, on the unit interval, the square of the monic Legendre polynomial.
-    left = 1.0
-    for n in range(1, points + 1):
-        left *= n / (2 * (2 * n - 1))
-    assert exact[-1] - computed[-1] == pytest.approx(left**2 / (2 * points + 1), rel=1e-6)
-
-
-@pytest.mark.parametrize("points", range(1, 6))
-def test_values_at_gauss_points_are_those_that_the_rule_of_a_form_takes(points):
-    mesh, symbol, dx = row(1, 3.0), elements.Symbols(ON).data(points), elements.measure(ON, points)
-    field = Field(mesh.space(points))
-    values = field.array[:] = np.exp(np.arange(points))
-    squares = integral(symbol**2 * dx, mesh, {symbol: field})
-    weights = np.polynomial.legendre.leggauss(points)[1] * 3.0 / 2
-    assert squares == pytest.approx(weights @ values**2, rel=1e-13)
-    moment = integral(symbol * X * dx, mesh, {symbol: field})
-    places = 3.0 * gauss_rule(points)[0]
-    assert moment == pytest.approx(weights @ (values * places), rel=1e-12)
-
 
 # -- What the compiled loop takes ------------------------------------------------------------------
 
@@ -218,21 +159,6 @@ except RuntimeError as error:
     print(error)
 assert not [name for name in sys.modules if name.split(".")[0] in apart]
 """
-
-
-def test_coefficients_of_a_subdomain_are_those_of_its_cells():
-    mesh, tags, cell_form = row(3), np.array([2, 0, 1]), elements.Symbols(ON).data(1)
-    field, dx = Field(mesh.space(1)), elements.measure(ON, 1)
-    field.array[:] = 10.0 + np.arange(3)
-    all_tags = sum((tag + 1) * cell_form * dx(tag) for tag in range(3)) + cell_form**2 * dx
-    form = Term(compiled(all_tags, {cell_form: "f"}), mesh, {"f": field}, tags=tags)
-    assert form.compiled.tags == [-1, 0, 1, 2]
-    values = (form.coefficients(cells, STILL)[0] for cells in form.cells)
-    packed = dict(zip(form.compiled.tags, values, strict=True))
-    assert packed[-1][:, 0] == pytest.approx([10.0, 11.0, 12.0])
-    assert [packed[tag][:, 0] for tag in range(3)] == [[11.0], [12.0], [10.0]]
-    expected = sum((tags[k] + 1) * (10 + k) + (10 + k) ** 2 for k in range(3))
-    assert form.total(STILL) == pytest.approx(expected)
 
 
 def test_one_process_needs_no_dolfinx_mpi_or_petsc():
