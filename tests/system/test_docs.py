@@ -70,9 +70,9 @@ def test_each_piece_of_code_runs_alone(page, number, tmp_path, monkeypatch, caps
         assert (fb.load("motion.npz").q == names["motion"].q).all()
     if "second" in names:
         assert abs(names["second"].q[-1] - names["whole"].q[-1]).max() < 1e-9
-    if "found" in names and hasattr(names["found"], "runs"):
+    if "study" in names:
         # What it is written for: the tip converges, and energy is conserved.
-        errors = [run.errors for run in names["found"].runs if run.scheme == "EnergyMomentum"]
+        errors = [run.errors for run in names["study"].runs if run.scheme == "EnergyMomentum"]
         assert max(error["energy"] for error in errors) < 1e-9
         assert min(error["tip path"] for error in errors) < 0.1
 

@@ -59,6 +59,16 @@ def loop():
     return c_library.load("three", "", lambda: "double three(void) { return 3; }", loader)
 
 
+def build(name):
+    """Its name, by a library of a kilobyte that is made where there is none."""
+
+    def builder(scratch):
+        (scratch / name).write_bytes(b"x" * 1000)
+        return name
+
+    return library_cache.loaded(name, lambda _: None, builder)
+
+
 KINDS = pytest.mark.parametrize("kind", [form, loop])
 
 
@@ -125,13 +135,9 @@ def test_a_library_that_is_not_as_it_was_built_is_built_again(
 
 @pytest.mark.parametrize("obstacle", [os.mkfifo, Path.mkdir, lambda path: path.symlink_to("x")])
 def test_what_lies_in_the_place_of_a_lock_is_taken_away(obstacle, cache):
-    def builder(folder):
-        (folder / "a.so").write_bytes(b"content")
-        return "built"
-
     cache.mkdir(parents=True)
     obstacle(cache / "a.so.lock")
-    assert library_cache.loaded("a.so", lambda _: None, builder) == "built"
+    assert build("a.so") == "a.so"
     assert [path.name for path in cache.iterdir()] == ["a.so"]
 
 
@@ -329,3 +335,38 @@ def test_without_any_folder_a_sentence_says_what_to_set(cache, monkeypatch, tmp_
         (tmp_path / "temporary").chmod(0o777)
     with pytest.raises(OSError, match="nothing can be compiled: .* Set XDG_CACHE_HOME to a folder"):
         form()
+
+
+def test_a_link_in_the_place_of_the_substitute_is_not_used(cache, monkeypatch, tmp_path):
+    file(cache, monkeypatch)
+    (tmp_path / "elsewhere").mkdir(mode=0o755)
+    (tmp_path / "temporary" / f"fx_beam-{os.geteuid()}").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match="nothing can be compiled"):
+        build("a.so")
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_full_cache_loses_what_was_not_used_for_longest(cache, monkeypatch):
+    monkeypatch.setattr(library_cache, "LARGEST", 3500)
+    for age, name in enumerate(("a.so", "b.so", "c.so")):
+        build(name)
+        os.utime(cache / name, (1e9 + age, 1e9 + age))
+    assert library_cache.load("a.so", Path.exists)  # used again
+    build("d.so")
+    assert {file.name for file in cache.glob("*.so")} == {"a.so", "c.so", "d.so"}
+
+
+ARM = """
+import fx_beam as fb
+scene = fb.Scene()
+scene.clamp(scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0)).start)
+fb.static(scene)
+"""
+
+
+def test_without_a_compiler_one_sentence_names_what_to_install():
+    command, own = [sys.executable, "-c", ARM], {"CC": "no-such-compiler"}
+    run = subprocess.run(command, capture_output=True, text=True, env=os.environ | own)
+    last = run.stderr.strip().splitlines()[-1]
+    assert last.startswith("RuntimeError: there is no C compiler 'no-such-compiler'")
+    assert "apt-get install gcc" in last and run.stderr.count("Traceback") == 1

@@ -20,6 +20,7 @@ from scenes import assert_refused
 import fx_beam as fb
 from fx_beam.results import export
 from fx_beam.sweeps import workers
+from fx_beam.sweeps.sweep import Journal
 
 HERE = Path(__file__).parents[1]
 
@@ -196,6 +197,36 @@ if __name__ == "__main__":
         assert not row["error"] and row["result"] == sweep_cases.arm(row["case"])
 
 
+# -- Cases that take long --------------------------------------------------------------------------
+
+
+def test_all_others_are_done_while_one_takes_long(tmp_path, lists):
+    number, place = 200, 1
+    cases = [{"number": k, "folder": str(tmp_path), "others": 0} for k in range(number)]
+    cases[place]["others"] = number - 1
+    rows = fb.sweep(sweep_cases.waits, cases, 2)
+    assert not any(row["error"] for row in rows)
+    assert rows[place]["seen"] == number - 1
+
+
+def test_a_case_that_takes_too_long_fails_and_its_process_is_ended(tmp_path, lists):
+    cases = [{"number": k, "folder": str(tmp_path), "others": 0} for k in range(6)]
+    cases[2]["others"] = 99  # never
+    *rows, last = fb.sweep(sweep_cases.waits, cases, 1, timeout=2.0)
+    assert [bool(row["error"]) for row in rows] == [False, False, True, False, False]
+    assert "longer than timeout = 2 s" in rows[2]["error"] and rows[2]["seconds"] > 2
+    assert rows[0]["worker"] == rows[1]["worker"] != last["worker"]
+    with pytest.raises(ProcessLookupError):
+        os.kill(rows[0]["worker"], 0)
+
+
+def test_a_limit_may_be_longer_than_the_system_can_wait(tmp_path, lists):
+    (row,) = fb.sweep(
+        sweep_cases.waits, [{"number": 0, "folder": str(tmp_path), "others": 0}], 1, timeout=1e12
+    )
+    assert not row["error"]
+
+
 # -- Executors -----------------------------------------------------------------------------------
 
 
@@ -300,6 +331,9 @@ def test_cases_may_be_the_rows_of_a_table_and_rows_are_one_where_pandas_is(threa
         ({"results": "no/such/folder/rows"}, "make the folder no/such/folder first"),
         ({"cases": [{"x": object()}], "results": "rows"}, "cases are made of numbers"),
         ({"chunksize": 0}, "chunksize = 0 must be a whole number from 1 on"),
+        ({"timeout": 0}, "timeout = 0 must be a positive number of seconds"),
+        ({"timeout": "1"}, "timeout = '1' must be"),
+        ({"timeout": 1, "executor": Executor()}, "timeout = 1 needs processes of this machine"),
     ],
 )
 def test_what_makes_no_sense_is_refused(change, reason, tmp_path, monkeypatch):
@@ -415,6 +449,54 @@ def test_a_file_that_is_none_of_a_sweep_is_left_alone(tmp_path, thread):
         with pytest.raises(fb.SceneError, match="line 1 of .* is not a row of a sweep"):
             fb.sweep(square, [{"x": 1}], thread, tmp_path / "table")
         assert (tmp_path / "table").read_text() == text
+
+
+CASES = [{"x": 0.5 * k} for k in range(3)]
+
+
+def written(path):
+    """Rows of some cases in a new file."""
+    path.unlink(missing_ok=True)
+    journal = Journal(path)
+    rows = [
+        journal.append({"case": case, "result": {"y": 1.25 * k}, "seconds": 0.1, "error": ""})
+        for k, case in enumerate(CASES)
+    ]
+    journal.close()
+    return rows
+
+
+def test_a_flipped_bit_changes_no_row_of_a_sweep(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    rows = written(path)
+    whole, random = path.read_bytes(), np.random.default_rng(1)
+    lost = 0
+    for place in random.permutation(len(whole))[:200]:
+        content = bytearray(whole)
+        content[place] ^= 1 << int(random.integers(8))
+        path.write_bytes(content)
+        journal = Journal(path)
+        for case, row in zip(CASES, rows, strict=True):
+            read = journal.finished(case)
+            lost += read is None
+            assert read is None or read == row
+        journal.close()
+    assert 150 < lost < 300
+
+
+def test_a_damaged_row_is_computed_again_with_a_warning(tmp_path, caplog, thread, lists):
+    calls, cases = [], [{"x": 1.5}, {"x": 2.5}]
+
+    def double(case):
+        calls.append(case["x"])
+        return {"y": 2 * case["x"]}
+
+    path = tmp_path / "rows.jsonl"
+    for _ in range(2):
+        rows = fb.sweep(double, cases, thread, results=path)
+        assert [row["y"] for row in rows] == [3.0, 5.0]
+        path.write_bytes(path.read_bytes().replace(b'"y": 3.0', b'"y": 7.0'))
+    assert calls == [1.5, 2.5, 1.5] and "damaged" in caplog.text
 
 
 def test_two_sweeps_do_not_write_to_one_file(tmp_path, thread, lists):
