@@ -114,6 +114,25 @@ def test_copies_of_a_scene_move_as_it(case, motion):
 
 
 @every_scene
+def test_what_stands_far_away_changes_nothing(case, motion, monkeypatch):
+    """But the numbers of all nodes, and the size of the scene."""
+
+    class Beside(fb.Scene):
+        def __init__(self, gravity=None):
+            super().__init__(gravity)
+            self.clamp(self.add_body((0, 30), mass=1.0, inertia=0.1).centre)
+
+    monkeypatch.setattr(fb, "Scene", Beside)
+    solution = case.simulate()
+    assert solution.stats.halvings == 0
+    for name in ("q", "v", "a", "slides", *FORCES):
+        values, found = getattr(motion, name), getattr(solution, name)
+        size = max(abs(values).max(initial=0.0), 1e-3)
+        found = found[:, -values.shape[1] :] if values.size else found
+        assert found == pytest.approx(values, rel=0, abs=1e-5 * size), name
+
+
+@every_scene
 def test_nodes_are_in_balance_with_supports_and_closed_joints(case):
     if len((scheme := case.scheme()).fractions) > 1:
         pytest.skip("sub-steps, of which those without have all parts")
