@@ -82,9 +82,8 @@ class Loops:
         self.system_entries = SystemEntries(rows, columns, moving.factors)
         column = self._entries.column
         is_carried = (column >= couplings.independent) & (column < couplings.columns)
-        self._carried = np.unique(self._entries.row[is_carried])
-        #: Forces of loops with nodes on beams, which border the compiled loop's tangent.
-        self.bordering = couplings.unknown_count - len(self) + self._carried
+        #: Closures with nodes on beams: their forces border the compiled loop's tangent.
+        self.carried = np.unique(self._entries.row[is_carried])
         #: What makes lengths of closures: some are angles.
         self.lengths = np.array([size if k.component == 2 else 1.0 for k in self.closures])
         sizes, widths = ([len(part[i]) for part in blocks] for i in (0, 1))
@@ -156,8 +155,8 @@ class Loops:
             "arm_at_rest": np.array(arms_at_rest).reshape(-1, 2),
             "length": self.lengths,
             "closed": _CLOSED * self.size,
-            "carried": len(self._carried),
-            "carried_closure": self._carried,
+            "carried": len(self.carried),
+            "carried_closure": self.carried,
         }
 
     def gear_members(self, numbers: np.ndarray) -> dict[str, object]:

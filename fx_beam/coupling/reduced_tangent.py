@@ -88,7 +88,8 @@ def reduced_tangent(
     full_count = len(source)
     added, forces = [auxiliaries.system_entries], np.empty(0, dtype=int)
     if loops is not None:
-        added, forces = [loops.system_entries, *added], loops.bordering
+        added = [loops.system_entries, *added]
+        forces = couplings.unknown_count - len(loops) + loops.carried
         left, right = loops.stiffened()
         behind = len(entries.row) + np.arange(len(left.row))
         i, j = np.append(i, behind), np.append(j, behind + len(behind))

@@ -103,9 +103,9 @@ class LoadPath:
         self.states = states = _States(bar)
         try:
             with bar:
-                self._path_states().follow(states)
+                PathStates(self._crossings.arc, self._start).follow(states)
             self.stats.steps = len(states) - 1
-            self._check_end(states[-1].t)
+            _end_early(self.stats, self.options, states[-1].t)
             solution = self._solution(states)
             if self.warns:
                 _warn_if_unstable(self.stepper.motions, states)
@@ -117,15 +117,6 @@ class LoadPath:
         solution.load_path, self._start = self, None
         return solution
 
-    def _check_end(self, factor: float) -> None:
-        """Warn of a path that ends below load factor 1 since it has too many steps."""
-        stats, most = self.stats, self.options.max_steps
-        stopped = stats.closed or (self.options.stop_at and stats.limit_points)
-        if factor < 1 and not stopped and stats.steps >= most:
-            reason = f"static: load factor {factor:g}, below 1, after max_steps = {most} steps"
-            stats.failure = Failure("too many steps", reason, factor)
-            _log.warning(reason)
-
     def _fail(self, error: BaseException) -> None:
         """Give an error the solution of the steps before it."""
         stats, states = self.stats, self.states
@@ -134,15 +125,12 @@ class LoadPath:
         if states:
             attach(error, lambda: self._solution(states))
         if isinstance(error, StepError) and stats.steps:
-            self._name_critical_point(error)
+            _name_critical_point(self, error)
             warn_of_sharp_bends(error.solution)
 
     def first_state(self) -> State:
         """The equilibrium at load factor 0, from which the loads rise."""
-        return self._path_states().first_state()
-
-    def _path_states(self) -> PathStates:
-        return PathStates(self._crossings.arc, self._start)
+        return PathStates(self._crossings.arc, self._start).first_state()
 
     def first_order(self) -> Solution:
         """The solution by small displacements about the reference."""
@@ -178,7 +166,7 @@ class LoadPath:
             loads += last.added_forces
         loads += self.stepper.held_at_nodes(last)
         end = replace(last, t=self.forcing.time, loads=loads).changed(**self._inputs)
-        path = self._stability(states, lambda state: self._solution([state]))
+        path = self.stability(states, lambda state: self._solution([state]))
         later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
         rest = Rest(self.forcing.time, recorder.t)
         solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later, rest=rest)
@@ -186,29 +174,40 @@ class LoadPath:
         solution.resultants_of_beam = self._lease.reads(solution.resultants_of_beam)
         return solution
 
-    def _stability(self, states: list[State], solved) -> PathStability:
+    def stability(self, states: list[State], solved) -> PathStability:
+        """The stability of states, whose `solved` gives the solution of one."""
         crossings, branches_off = self._crossings, self._branches_off
         return PathStability(self.stepper, crossings, list(states), solved, branches_off)
 
-    def _name_critical_point(self, error: StepError) -> None:
-        """Let an error say that its path fails at a critical point."""
-        try:
-            stability = self._stability(self.states, lambda state: error.solution)
-            points = stability.at_end(stability.unstable_modes())
-        except (ValueError, RuntimeError, StepFailed):
-            return
-        for point in points:
-            # Beyond the last state it is extrapolated.
-            advice = f"There is a {point.kind} near load factor {point.load_factor:.4g}. "
-            if point.kind == "bifurcation" and self.from_rest and not self.options.spin:
-                advice += (
-                    "Follow a branch: start=error.solution.critical_points[-1].branch(+1), with "
-                    'continuation="arc-length", which also passes the point, with more steps'
-                )
-            else:
-                advice += error.failure.advice
-            error.failure = self.stats.failure = replace(error.failure, advice=advice)
-            error.args = (str(error.failure),)
+
+def _end_early(stats: Stats, options: StaticOptions, factor: float) -> None:
+    """Warn of a path that ends below load factor 1 since it has too many steps."""
+    stopped = stats.closed or (options.stop_at and stats.limit_points)
+    if factor < 1 and not stopped and stats.steps >= options.max_steps:
+        reason = f"static: load factor {factor:g}, below 1, after max_steps = {options.max_steps}"
+        stats.failure = Failure("too many steps", f"{reason} steps", factor)
+        _log.warning(stats.failure.reason)
+
+
+def _name_critical_point(path: LoadPath, error: StepError) -> None:
+    """Let an error say that its path fails at a critical point."""
+    try:
+        stability = path.stability(path.states, lambda state: error.solution)
+        points = stability.at_end(stability.unstable_modes())
+    except (ValueError, RuntimeError, StepFailed):
+        return
+    for point in points:
+        # Beyond the last state it is extrapolated.
+        advice = f"There is a {point.kind} near load factor {point.load_factor:.4g}. "
+        if point.kind == "bifurcation" and path.from_rest and not path.options.spin:
+            advice += (
+                "Follow a branch: start=error.solution.critical_points[-1].branch(+1), with "
+                'continuation="arc-length", which also passes the point, with more steps'
+            )
+        else:
+            advice += error.failure.advice
+        error.failure = path.stats.failure = replace(error.failure, advice=advice)
+        error.args = (str(error.failure),)
 
 
 def _turned(state: State, forcing: LoadForcing) -> State:

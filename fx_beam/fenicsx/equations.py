@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -22,6 +24,15 @@ class NoConfigurationError(Exception):
         self.failure = failure
 
 
+class StepInC(NamedTuple):
+    """In C: increments (size,), unknowns (columns,), all forces (size,) and internal ones."""
+
+    D: np.ndarray
+    z: np.ndarray
+    r: np.ndarray
+    f: np.ndarray
+
+
 class Equations:
     """Forces r (size,) of a step at unknowns, and their tangent.
 
@@ -32,10 +43,8 @@ class Equations:
         self.assembly, self.loop, self.model = assembly, loop, loop.model
         self._max_turn = max_turn
         n, problem, reduction = loop.model.size, loop.problem, loop.model.reduction
-        #: In C: increments (size,), unknowns (columns,), all forces (size,) and internal ones.
-        self._D, self._z, self._r, self.internal_in_c = problem.results(
-            D=n, z=reduction.columns, r=n, f=n
-        )
+        #: What C has of a step.
+        self.in_c = StepInC(*problem.results(D=n, z=reduction.columns, r=n, f=n))
         #: In C: dead forces (size,) at the level of the step, natural strains at its end, flat.
         self._dead, _, self._natural_in_c = problem.given()
         at_rest = loop.model.scheme.rates.at_rest
@@ -45,7 +54,7 @@ class Equations:
         # Natural strains (cells, degree, 3) that a user gives at the end of a step.
         self._natural: np.ndarray | None = None
         # End of the last step [s], and forces (size,) of added terms in it.
-        self._last_end, self._last_added = np.nan, np.zeros(n)
+        self._last_step = np.nan, np.zeros(n)
         reduction.begin(np.zeros(n), slides_at_start(loop.model.scene))
         #: Unknowns of the last step.
         self.unknowns: Unknowns = unknowns_of(assembly)
@@ -69,8 +78,8 @@ class Equations:
         self.assembly.fields.begin(interval, start, natural)
         if self._inertia is not None:
             self._inertia.begin(start, interval.length)
-        self._y = self._z[: reduction.free].copy()
-        self._driven = self._z[reduction.free :][: reduction.driven]
+        self._y = self.in_c.z[: reduction.free].copy()
+        self._driven = self.in_c.z[reduction.free :][: reduction.driven]
         if np.array_equal(reduction.independent, self.unknowns.independent):
             return False
         self.unknowns = unknowns_of(self.assembly)
@@ -91,7 +100,7 @@ class Equations:
         """
         model = self.model
         self._y[self.unknowns.independent] = y
-        D = self._D[:] = model.reduction.increment(self._y, self._driven)
+        D = self.in_c.D[:] = model.reduction.increment(self._y, self._driven)
         if not abs(D[model.mesh.turns]).max() <= self._max_turn:
             constants, closed = self.loop.problem.constants, np.isfinite(D).all()
             raise NoConfigurationError(constants.TURNED_TOO_FAR if closed else constants.OPEN_LOOP)
@@ -117,15 +126,15 @@ class Equations:
     def finish(self, dt: float) -> None:
         """Hand the increment, its forces and the work of added terms over to the engine."""
         model, state = self.model, self.loop.problem.c.state
-        self._z[: model.reduction.free] = self._y
-        self._r[:], self.internal_in_c[:] = self.forces, self.internal
-        path, _ = model.scheme.rates.work_increment(self._D, model.mesh.turns)
+        self.in_c.z[: model.reduction.free] = self._y
+        self.in_c.r[:], self.in_c.f[:] = self.forces, self.internal
+        path, _ = model.scheme.rates.work_increment(self.in_c.D, model.mesh.turns)
         state.work -= self._mean_added(state.t, dt) @ path
 
     def _mean_added(self, t: float, dt: float) -> np.ndarray:
         """Forces of added terms (size,) in mid-step, from forces at the levels of steps."""
-        level, end = self.model.scheme.rates.level, self._last_end
-        previous, self._last_end, self._last_added = self._last_added, t + dt, self._added
+        level, (end, previous) = self.model.scheme.rates.level, self._last_step
+        self._last_step = t + dt, self._added
         if level == 0.5 or not np.isclose(end, t, rtol=1e-12, atol=1e-9 * abs(dt)):
             return self._added
         return self._added + (0.5 - level) * (self._added - previous)

@@ -63,7 +63,7 @@ class StateVector:
         )
         self._driven = arrays["driven_now"]
         self._ages = arrays["ages"], arrays["error_ages"]
-        self._set_ages()
+        self._ages[0][:] = self._ages[1][:] = 1.0
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.
         first, stop = (ffi.offsetof(ffi.typeof(c).item, name) for name in ("state", "run"))
         self._numbers = ffi.buffer(ffi.addressof(c, "state"), stop - first)
@@ -83,11 +83,7 @@ class StateVector:
     def clear(self) -> None:
         """Forget the last run."""
         self.memory[:], self.present = 0.0, None
-        self._set_ages()
-
-    def _set_ages(self) -> None:
-        for ages in self._ages:
-            ages[:] = 1.0
+        self._ages[0][:] = self._ages[1][:] = 1.0
 
     def load(self, state: State) -> None:
         """Write a state into the memory, if it is not there."""

@@ -61,7 +61,7 @@ class TangentStorage:
         self.inside = kind.forces_only or (
             len(model.couplings.sliding) >= _MANY_SLIDES
             and model.points.members is None
-            and (loops is None or not len(loops.bordering))
+            and (loops is None or not len(loops.carried))
         )
         self.factors = self._factors_of(*model.reduction.tangent.pattern)
         #: Number of entries of the reduced tangent.
