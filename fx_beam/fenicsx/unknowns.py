@@ -90,7 +90,7 @@ class EqualUnknowns(SharedUnknowns):
         super().__init__(assembly)
         columns, n = self._reduction.couplings.column, self.size
         #: Unknown of each degree of freedom of the scene; n for one that is held.
-        self._unknown = np.where(columns < n, columns, n)
+        self._unknown = np.where(columns < n, columns, n).astype(int)
         touched = np.unique(assembly.fields.increment_numbers)
         self._share(np.setdiff1d(self._unknown[touched], n))
         numbers = np.append(self._numbers, -1).astype(PETSc.IntType)
