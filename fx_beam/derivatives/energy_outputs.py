@@ -16,7 +16,7 @@ import numpy as np
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.beam_slopes import BeamSlopes
-from fx_beam.fem.point_values import PointSteps, PointValues
+from fx_beam.fem.point_values import PointValues
 from fx_beam.laws.interval import StepBatch
 from fx_beam.results.solution import Solution
 from fx_beam.scene.outputs import Measured
@@ -83,8 +83,9 @@ def _springs(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
     points = sub_steps.model.points
     if not points.any:
         return {}
-    q, slides, internal = (rows[name] for name in ("q", "slides", "spring internal"))
-    states = PointSteps.of_states(q, internal, rows.get("parameters"), slides)
+    q, internal, ones = rows["q"], rows["spring internal"], np.ones(len(rows["q"]))
+    arrays = {name: rows[name] for name in ("q", "slides", "parameters") if name in rows}
+    states = StepBatch(0 * ones, ones, spring_internal=internal, **arrays)
     slopes = PointValues(points, "energy").summed_slopes(states)
     if points.members is not None:
         from fx_beam.fem.member_slopes import energy_slopes

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fx_beam.fem.point_values import PointSteps, PointValues
+from fx_beam.fem.point_values import PointValues
+from fx_beam.laws.interval import StepBatch
 from fx_beam.scene.outputs import Measured
 from fx_beam.step.model import Model
 
@@ -63,10 +64,12 @@ class StateOutput(LineOutput):
             return
         for group in sub_steps.groups(boundaries):
             states = sub_steps.at(numbers := boundaries[group])
-            parameters = states.get("parameters")
-            steps = PointSteps.of_states(states["q"], states["spring internal"], parameters)
+            names = ["q", "parameters"]
+            arrays = {name: states[name] for name in names if name in states}
             if moves:
-                steps = steps._replace(v=states[sub_steps.rates])
+                arrays["v"] = states[sub_steps.rates]
+            ones, internal = np.ones(len(numbers)), states["spring internal"]
+            steps = StepBatch(0 * ones, ones, spring_internal=internal, **arrays)
             blocks = (
                 Block(sub_steps.rates if name == "v" else name, entries, rows[group], slopes)
                 for name, entries, slopes in self._values.slopes(steps)

@@ -8,7 +8,6 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import floats
-from fx_beam.fem.point_values import PointSteps
 from fx_beam.laws.interval import INSTANT, StepBatch
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
@@ -103,27 +102,20 @@ class SubSteps:
             arrays["memory"] = np.where(starts, 0.0, tape.memories[first])
         return StepBatch(tape.times.starts[first] + self._level * dt * ~starts, dt, D, q, **arrays)
 
-    def point_steps(self, steps: np.ndarray) -> PointSteps:
-        """Numbers of sub-steps that forces at points read."""
-        parts, (begins, ends, _) = self.parts(steps), self.places(steps)
+    def point_steps(self, steps: np.ndarray) -> StepBatch:
+        """Sub-steps with what forces at points read."""
+        begins, ends, _ = self.places(steps)
         names = "v", "slides", "spring internal"
         v, slides, internal = (self.states[name][begins] for name in names)
-        moved = self.states["slides"][ends] - slides
-        factor = np.ones(len(steps))
+        factors = np.ones(len(steps))
         if self.model.scheme.rates.at_rest:
-            factor = self.tape.memories[steps]
-        parameters = parts.parameters if len(parts.parameters) else np.zeros((len(steps), 0))
-        return PointSteps(
-            q=parts.q,
-            D=parts.D,
+            factors = self.tape.memories[steps]
+        return self.parts(steps)._replace(
             v=v,
-            t=parts.t,
-            dt=parts.dt,
-            factor=factor,
-            internal=internal,
-            parameters=parameters,
+            load_factor=factors,
+            spring_internal=internal,
             slides=slides,
-            slide_increments=moved,
+            slide_increments=self.states["slides"][ends] - slides,
         )
 
     # -- Derivatives of rows, from those by what belongs to states or sub-steps --------------------

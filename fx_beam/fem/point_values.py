@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.laws.interval import StepBatch
 from fx_beam.laws.point_laws import StepRule, arguments
 
 from .line_laws import laws_of_forces
@@ -15,42 +16,6 @@ from .point_forces import PlacedForce, PointForces, Role
 
 #: Forces at an instant, from places and rates at the start of a step.
 AN_INSTANT = StepRule(0.0, turning=False, at_rest=False, instant=True)
-
-
-class PointSteps(NamedTuple):
-    """Numbers of k steps that forces at points read, or of k states if nothing moves."""
-
-    #: Displacements (k, size) at the start, increments, and rates at the start.
-    q: np.ndarray
-    D: np.ndarray
-    v: np.ndarray
-    #: Times (k,) at the scheme's level, lengths, and load factors.
-    t: np.ndarray
-    dt: np.ndarray
-    factor: np.ndarray
-    #: Internal variables (k, width) of springs at the start, and parameters (k, n).
-    internal: np.ndarray
-    parameters: np.ndarray
-    #: Slides (k, joints) at the start, and their increments.
-    slides: np.ndarray
-    slide_increments: np.ndarray
-
-    @classmethod
-    def of_states(
-        cls,
-        q: np.ndarray,
-        internal: np.ndarray | None,
-        parameters: np.ndarray | None,
-        slides: np.ndarray | None = None,
-    ) -> PointSteps:
-        """States (k, ...)."""
-        count, still = len(q), np.zeros_like(q)
-        internal, parameters, slides = (
-            np.zeros((count, 0)) if x is None else x for x in (internal, parameters, slides)
-        )
-        times, ones = np.zeros(count), np.ones(count)
-        numbers = times, ones, ones, internal, parameters, slides, np.zeros_like(slides)
-        return cls(q, still, still, *numbers)
 
 
 class PointSlopes(NamedTuple):
@@ -94,16 +59,16 @@ class PointValues:
         # Lengths of arrays besides those of the state.
         self._sizes = {"points": numbers, "parameters": len(points.parameters)}
 
-    def values(self, steps: PointSteps) -> np.ndarray:
+    def values(self, steps: StepBatch) -> np.ndarray:
         """The values (k,)."""
-        total = np.zeros(len(steps.q))
+        total = np.zeros(len(steps.t))
         for forces in self._groups.values():
             inputs = _law_inputs(forces, steps)
             values = forces[0].law.values(self._quantity, inputs.reshape(-1, inputs.shape[-1]))
             total += values[:, 0].reshape(inputs.shape[:2]).sum(axis=1)
         return total
 
-    def slopes(self, steps: PointSteps) -> Iterator[PointSlopes]:
+    def slopes(self, steps: StepBatch) -> Iterator[PointSlopes]:
         """Derivatives of the values that are not zero.
 
         By "q", "increment" and "v", or "slides", "slide increment" and "slide rate", by "spring
@@ -133,15 +98,15 @@ class PointValues:
             parameter_slopes = slopes[..., last:].sum(axis=1)
             yield from _nonzero("parameters", first.parameters, parameter_slopes)
 
-    def summed_slopes(self, steps: PointSteps) -> dict[str, np.ndarray]:
+    def summed_slopes(self, steps: StepBatch) -> dict[str, np.ndarray]:
         """Derivatives (k, n) of the values by name; arrays by which all are zero are left out."""
-        sizes = self._sizes | {"spring internal": steps.internal.shape[1]}
-        joints = steps.slides.shape[1]
-        sizes |= dict.fromkeys(("slides", "slide increment", "slide rate"), joints)
+        arrays = dict.fromkeys(("slides", "slide increment", "slide rate"), steps.slides)
+        arrays["spring internal"] = steps.spring_internal
         sums: dict[str, np.ndarray] = {}
         for name, entries, slopes in self.slopes(steps):
             if name not in sums:
-                sums[name] = np.zeros((len(slopes), sizes.get(name, steps.q.shape[1])))
+                size = self._sizes.get(name) or arrays.get(name, steps.q).shape[1]
+                sums[name] = np.zeros((len(slopes), size))
             sums[name][:, entries] += slopes
         return sums
 
@@ -157,24 +122,30 @@ def _dofs(forces: Sequence[PlacedForce]) -> np.ndarray:
     return np.array([x.force.dofs if x.force.slide < 0 else [x.force.slide] for x in forces])
 
 
-def _law_inputs(forces: Sequence[PlacedForce], steps: PointSteps) -> np.ndarray:
-    """Inputs (k, m, given) of the law of m forces; zeros of an iteration before."""
-    first, shape = forces[0], (len(steps.q), len(forces))
-    numbers = np.tile(np.stack([placed.numbers for placed in forces]), (len(steps.q), 1, 1))
-    if first.force.role == Role.EXTERNAL:
-        numbers[..., -1] = steps.factor[:, None]
+def _law_inputs(forces: Sequence[PlacedForce], steps: StepBatch) -> np.ndarray:
+    """Inputs (k, m, n) of the law of m forces; zeros of an iteration before, and at rest."""
+    first, count, dofs = forces[0], len(steps.t), _dofs(forces)
+    numbers = np.tile(np.stack([placed.numbers for placed in forces]), (count, 1, 1))
+    if first.force.role == Role.EXTERNAL and steps.load_factor.size:
+        numbers[..., -1] = steps.load_factor[:, None]
     motion = steps.q, steps.D, steps.v
     if first.force.slide >= 0:
-        motion = steps.slides, steps.slide_increments, np.zeros_like(steps.slides)
-    dofs = _dofs(forces)
-    variables = np.stack([placed.variables for placed in forces])
-    memory = np.zeros((*shape, first.law.law.iteration_memory))
-    times, parameters = (
-        np.broadcast_to(rows[:, None], (*shape, rows.shape[1]))
-        for rows in (np.column_stack([steps.t, steps.dt]), steps.parameters[:, first.parameters])
-    )
-    coordinates = [np.where(dofs < 0, 0.0, x[:, dofs]) for x in motion]
-    parts = [*coordinates, times, steps.internal[:, variables], memory, numbers, parameters]
+        motion = steps.slides, steps.slide_increments, np.empty(0)
+
+    def entries(rows: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Entries (k, m, n) of rows (k, ...) at places (m, n) or (1, n)."""
+        shape = count, len(forces), places.shape[-1]
+        return np.broadcast_to(rows[:, places], shape) if places.size else np.zeros(shape)
+
+    still = np.zeros((count, *dofs.shape))
+    coordinates = [
+        np.where(dofs < 0, 0.0, entries(rows, dofs)) if rows.size else still for rows in motion
+    ]
+    times = entries(np.column_stack([steps.t, steps.dt]), np.array([[0, 1]]))
+    internal = entries(steps.spring_internal, np.stack([placed.variables for placed in forces]))
+    memory = np.zeros((count, len(forces), first.law.law.iteration_memory))
+    parameters = entries(steps.parameters, first.parameters[None])
+    parts = [*coordinates, times, internal, memory, numbers, parameters]
     return np.concatenate(parts, axis=-1)
 
 

@@ -137,6 +137,10 @@ class StepBatch(NamedTuple):
     parameters: np.ndarray = _NONE
     #: Load factors (n,) in statics.
     load_factor: np.ndarray = _NONE
+    #: Internal variables (n, width) of springs and slides (n, joints) at the start; increments.
+    spring_internal: np.ndarray = _NONE
+    slides: np.ndarray = _NONE
+    slide_increments: np.ndarray = _NONE
 
     @classmethod
     def at_rest(cls, q: np.ndarray, **more: np.ndarray) -> StepBatch:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fx_beam.fem.point_values import AN_INSTANT, PointSteps, PointValues
+from fx_beam.fem.point_values import AN_INSTANT, PointValues
+from fx_beam.laws.interval import StepBatch
 
 from .moving_state import Deviations
 
@@ -18,12 +19,12 @@ def line_rows(
     model, state = about.model, about.state
     T, dT = about.T.toarray(), about.dT.toarray()
     parameters = model.forms.parameters
-    variables = np.zeros(model.points.width)
+    arrays = {"v": T @ about.rates, "parameters": parameters.at(state.t)}
     if state.spring_internal is not None:
-        variables = state.spring_internal
-    steps = PointSteps.of_states(state.q[None], variables[None], parameters.at(state.t)[None])
-    rates, t, factor = (T @ about.rates)[None], np.array([state.t]), np.array([about.factor])
-    steps = steps._replace(v=rates, t=t, factor=factor)
+        arrays["spring_internal"] = state.spring_internal
+    rows = {name: values[None] for name, values in arrays.items()}
+    times, factors = np.array([state.t]), np.array([about.factor])
+    steps = StepBatch(times, np.ones(1), q=state.q[None], load_factor=factors, **rows)
     moved, rate_row, direct = np.zeros(T.shape[1]), np.zeros(T.shape[1]), list[float]()
     parameter_slopes = np.zeros(len(parameters))
     rule = AN_INSTANT if quantity == "pull" else None

@@ -165,17 +165,15 @@ def _reading(model: Model, array_of: Arrays, turns: np.ndarray, measured: Measur
 
 def _energy_reading(model: Model, array_of: Arrays, measured: Measured) -> Reading:
     """The energy that a line stores, by its own laws."""
-    from fx_beam.fem.point_values import PointSteps, PointValues
+    from fx_beam.fem.point_values import PointValues
+    from fx_beam.laws.interval import StepBatch
 
     values = PointValues(model.points, measured.law_quantity, measured.terms[0].entries)
 
     def read() -> float:
-        internal, parameters = (
-            None if (row := array_of(name)) is None else row[None]
-            for name in ("spring_internal", "parameters")
-        )
-        steps = PointSteps.of_states(array_of("q")[None], internal, parameters)
-        return float(values.values(steps)[0])
+        names = "spring_internal", "parameters"
+        rows = {name: row[None] for name in names if (row := array_of(name)) is not None}
+        return float(values.values(StepBatch.at_rest(array_of("q"), **rows))[0])
 
     return read
 
