@@ -173,12 +173,11 @@ class LinearDual(Dual):
 
     def __init__(
         self,
-        values: np.ndarray,
         function: Callable[[MaybeDual], MaybeDual],
         dual: Dual,
         transposed: Callable[[np.ndarray], np.ndarray],
     ):
-        self.values, self._dual = values, dual
+        self.values, self._dual = floats(function(dual.values)), dual
         self._function, self._transposed = function, transposed
 
     @property
@@ -211,10 +210,9 @@ def linear(
     transposed: Callable[[np.ndarray], np.ndarray],
 ) -> MaybeDual:
     """A linear function of values, as a `LinearDual` if they have slopes."""
-    result = floats(function(floats(values)))
-    if not isinstance(values, Dual):
-        return result
-    return LinearDual(result, function, values, transposed)
+    if isinstance(values, Dual):
+        return LinearDual(function, values, transposed)
+    return function(values)
 
 
 class LinearChanges:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -136,77 +137,62 @@ def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
 
 def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
     """Linear constraints of supports and joints on the free rates: an array (rows, free) if few."""
-    # Nodes a and b, -1 for the ground: along a direction the displacement of b is that of the end
-    # of an arm on a; or they turn together.
-    together: list[tuple] = []
-    turning: list[tuple] = []
+    # Numbers of rows, nodes a and b, -1 for the ground: along a direction the displacement of b is
+    # that of the end of an arm on a; or with a weight they turn together.
+    numbers, moved, turned = itertools.count(), list[tuple](), list[tuple]()
     for node, component in (*scene.fixed, *scene.prescribed):
         if component == 2:
-            turning.append((-1, node))
+            turned.append((next(numbers), -1, node, 1.0))
         else:
-            together.append((-1, node, 1 - component, component, 0.0, 0.0))
+            moved.append((next(numbers), -1, node, 1 - component, component, 0.0, 0.0))
     for joint in scene.joints:
-        nodes, along = (joint.a.number, joint.b.number), joint.direction
-        if along is None or _is_held(joint.slide, static):
-            together += [(*nodes, 1.0, 0.0, *joint.arm), (*nodes, 0.0, 1.0, *joint.arm)]
-        else:
-            together.append((*nodes, -along[1], along[0], *joint.arm))
+        ends, along = (joint.a.number, joint.b.number), joint.direction
+        ways = [(1.0, 0.0), (0.0, 1.0)]
+        if along is not None and not _is_held(joint.slide, static):
+            ways = [(-along[1], along[0])]
+        moved += [(next(numbers), *ends, *way, *joint.arm) for way in ways]
         if joint.turns_together or _is_held(joint.rotation, static):
-            turning.append(nodes)
-    row_of = [*range(len(together))]
-    wound: list[tuple] = []
+            turned.append((next(numbers), *ends, 1.0))
     force: Any
     for force in scene.forces_between:
         if not _is_held(force.on, static):
             continue
-        if force.to_ground:
-            if force.direction is None:
-                turning.append((-1, force.target.number))
-                continue
-            tied = mesh.nodes_of(scene, force.target)
-            row_of += range(len(together), len(together) + len(tied))
-            ways = force.ways(mesh.X[tied])
-            together += [(-1, node, *way, 0.0, 0.0) for node, way in zip(tied, ways, strict=True)]
-        else:  # the length over all of its points
-            wound += [(len(together), node, radius) for node, radius in getattr(force, "drums", ())]
-            row_of += [len(together)] * len(force.apart)
-            straight = np.array(force.straight(force.apart), dtype=float)
-            ways = zip(force.nodes, force.nodes[1:], straight, strict=False)
-            together += [(a, b, *(way / np.hypot(*way)), 0.0, 0.0) for a, b, way in ways]
-    weights, turn_of = [1.0] * len(turning), [*range(len(together), len(together) + len(turning))]
-    for number, node, radius in wound:
-        turning.append((-1, node))
-        turn_of.append(number)
-        weights.append(radius / mesh.size)
+        if not force.to_ground:  # the length over all of its points
+            row, straight = next(numbers), np.array(force.straight(force.apart), dtype=float)
+            drums = getattr(force, "drums", ())
+            turned += [(row, -1, node, radius / mesh.size) for node, radius in drums]
+            pieces = zip(force.nodes, force.nodes[1:], straight, strict=False)
+            moved += [(row, a, b, *(way / np.hypot(*way)), 0.0, 0.0) for a, b, way in pieces]
+        elif force.direction is None:
+            turned.append((next(numbers), -1, force.target.number, 1.0))
+        else:
+            nodes = mesh.nodes_of(scene, force.target)
+            tied = zip(nodes, force.ways(mesh.X[nodes]), strict=True)
+            moved += [(next(numbers), -1, node, *way, 0.0, 0.0) for node, way in tied]
     for gear in scene.gears:
-        number, acts = len(together) + len(turning), gear.is_ideal or _is_held(gear.on, static)
+        row, acts = next(numbers), gear.is_ideal or _is_held(gear.on, static)
         for joint, name, weight in gear.terms if acts else ():
             ends = joint.a.number, joint.b.number
             if name == "slide":
                 direction = joint.kinematics.tangent(joint.start()[0])
-                together.append((*ends, *direction, *joint.arm))
-                row_of.append(number)
+                moved.append((row, *ends, *direction, *joint.arm))
             else:
-                turning.append(ends)
-                turn_of.append(number)
-                weights.append(weight / (1.0 if gear.column else mesh.size))
-    table, rows_of = np.array(together).reshape(-1, 6), np.array(row_of, dtype=int)
-    pairs, along, arm = table[:, :2].astype(int), table[:, 2:4], table[:, 4:] / mesh.size
-    turned, turn_rows = np.array(turning, dtype=int).reshape(-1, 2), np.array(turn_of, dtype=int)
+                turned.append((row, *ends, weight / (1.0 if gear.column else mesh.size)))
+    moves, turns = np.array(moved).reshape(-1, 7), np.array(turned).reshape(-1, 4)
     entries = []
-    for end, sign in ((0, -1.0), (1, 1.0)):
-        row = np.flatnonzero(pairs[:, end] >= 0)
-        node, direction = pairs[row, end], sign * along[row]
-        part = parts.part_of_node[node]
-        x, y = ((mesh.X[node] - parts.point[part]) / mesh.size + (1 - end) * arm[row]).T
-        row = rows_of[row]
-        entries += [(row, 3 * part + i, direction[:, i]) for i in (0, 1)]
-        entries.append((row, 3 * part + 2, direction[:, 1] * x - direction[:, 0] * y))
-        row = np.flatnonzero(turned[:, end] >= 0)
-        part = parts.part_of_node[turned[row, end]]
-        entries.append((turn_rows[row], 3 * part + 2, sign * np.array(weights)[row]))
+    for end, sign in ((1, -1.0), (2, 1.0)):
+        table = moves[moves[:, end] >= 0]
+        row, node = table[:, [0, end]].T.astype(int)
+        part, directions, arms = parts.part_of_node[node], sign * table[:, 3:5], table[:, 5:]
+        arms = arms * (2 - end)  # on a
+        x, y = ((mesh.X[node] - parts.point[part] + arms) / mesh.size).T
+        entries += [(row, 3 * part + i, directions[:, i]) for i in (0, 1)]
+        entries.append((row, 3 * part + 2, directions[:, 1] * x - directions[:, 0] * y))
+        table = turns[turns[:, end] >= 0]
+        row, node = table[:, [0, end]].T.astype(int)
+        entries.append((row, 3 * parts.part_of_node[node] + 2, sign * table[:, 3]))
     i, j, values = map(np.concatenate, zip(*entries, strict=True))
-    shape, free = (len(pairs) + len(turned), parts.free.size), parts.free.ravel()
+    shape, free = (next(numbers), parts.free.size), parts.free.ravel()
     if free.sum() > _FEW:
         return scipy.sparse.coo_matrix((values, (i, j)), shape).tocsr()[:, free]
     rows = np.bincount(i * shape[1] + j, values, math.prod(shape))

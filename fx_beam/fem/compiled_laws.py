@@ -193,17 +193,15 @@ class CompiledLaw:
 
         lists = {law.name: forces}
         lists |= {f"{name} of {law.name}": functools.partial(other, name) for name in others}
-        written = _written(
-            {name: functools.partial(self._vector, parts) for name, parts in lists.items()},
-            arguments(law) + len(self.parameters),
-        )
+
+        def vector(parts: Callable[[Expr], list], inputs: Expr) -> Expr:
+            return ufl.as_vector(_with_inputs(parts(inputs), law, self.parameters, inputs))
+
+        vectors = {name: functools.partial(vector, parts) for name, parts in lists.items()}
+        written = _written(vectors, arguments(law) + len(self.parameters))
         # Without the names of parameters, in which laws may differ that have the same code.
         facts = {"others": others, "entries": entries, "conditions": conditions}
         return written._replace(facts=facts)
-
-    def _vector(self, parts: Callable[[Expr], list], inputs: Expr) -> Expr:
-        """A list of UFL numbers as a vector, with parameters that are inputs."""
-        return ufl.as_vector(_with_inputs(parts(inputs), self.law, self.parameters, inputs))
 
 
 def _parts(law: PointLaw, quantity: str, motion: ForceStep) -> list:
