@@ -37,18 +37,18 @@ _FLAGS = [
     # Functions of one file may be inlined, though a library exports them.
     "-fno-semantic-interposition",
 ]
-_ON_X86 = platform.machine() == "x86_64"
-_OF_GCC = [
+_IS_X86 = platform.machine() == "x86_64"
+_GCC_FLAGS = [
     # The full vector width: by default, compilers use half of it on some processors.
-    *(["-mprefer-vector-width=512"] if _ON_X86 else []),
+    *(["-mprefer-vector-width=512"] if _IS_X86 else []),
     # GCC would merge sin and cos of one angle into a complex function, which it cannot vectorise.
     *("-fno-builtin-sin", "-fno-builtin-cos"),
 ]
 _HAS_GLIBC = "CS_GNU_LIBC_VERSION" in os.confstr_names and bool(os.confstr("CS_GNU_LIBC_VERSION"))
-_OF_CLANG = [
+_CLANG_FLAGS = [
     "-ffp-contract=fast",  # as GCC does
     # It knows the vector functions of glibc for four numbers, not for eight.
-    *(["-mprefer-vector-width=256", "-fveclib=libmvec"] if _ON_X86 and _HAS_GLIBC else []),
+    *(["-mprefer-vector-width=256", "-fveclib=libmvec"] if _IS_X86 and _HAS_GLIBC else []),
 ]
 #: What nothing needs of a library's code is dropped; clang does so only in a link.
 WHOLE_PROGRAM = "-fwhole-program"
@@ -215,7 +215,7 @@ def load(
     CannotBuild, with the reason, if it cannot be compiled or loaded.
     """
     target, flags = target_flags()
-    flags = [*flags, *_known(extra_flags)]
+    flags = [*flags, *_known_flags(extra_flags)]
     # Libraries for "native" are valid only for processors with the same features.
     headers, processor = _origin()
     machine = [processor] if target == "native" else []
@@ -268,11 +268,11 @@ def functions_of(
 def target_flags() -> tuple[str, list[str]]:
     """Target processor, empty for the compiler's default, and all compiler flags."""
     target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
-    flags = [*_FLAGS, *(_OF_CLANG if compiler.is_clang() else _OF_GCC)]
+    flags = [*_FLAGS, *(_CLANG_FLAGS if compiler.is_clang() else _GCC_FLAGS)]
     return target, [*flags, f"{_OPTION or '-march'}={target}"] if target else flags
 
 
-def _known(flags: Sequence[str]) -> Sequence[str]:
+def _known_flags(flags: Sequence[str]) -> Sequence[str]:
     """The flags that the compiler knows. Clang optimises no single functions: it does all."""
     if not compiler.is_clang():
         return flags

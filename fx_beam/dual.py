@@ -141,7 +141,7 @@ class Dual(NDArrayOperatorsMixin):
         if (rules := _RULES.get(ufunc)) is None:
             if ufunc is np.matmul:
                 return _matmul(*parts)
-            if ufunc in _OF_VALUES:
+            if ufunc in _WITHOUT_SLOPES:
                 return ufunc(*arguments)
             return _call_without_slopes(f"numpy.{ufunc.__name__}", ufunc, inputs, {})
         values = ufunc(*arguments)
@@ -159,7 +159,7 @@ class Dual(NDArrayOperatorsMixin):
             return _placed(function, inputs, options)
         if function in _FUNCTIONS:
             return _FUNCTIONS[function](*inputs, **options)
-        if function in _OF_VALUES:
+        if function in _WITHOUT_SLOPES:
             return function(*map(floats, inputs), **options)
         return _call_without_slopes(f"numpy.{function.__name__}", function, inputs, options)
 
@@ -442,7 +442,7 @@ _ANALYTIC = (
 )
 _RULES |= {function: (_slope(function),) for function in _ANALYTIC}
 #: Functions that have no slopes.
-_OF_VALUES = {
+_WITHOUT_SLOPES = {
     *(np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal),
     *(np.isfinite, np.isnan, np.isinf, np.floor, np.ceil, np.sign, np.floor_divide),
     *(np.shape, np.ndim, np.size, np.zeros_like, np.ones_like, np.empty_like, np.full_like),

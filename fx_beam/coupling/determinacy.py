@@ -255,9 +255,9 @@ def _some(rows: scipy.sparse.csr_matrix) -> tuple[np.ndarray, Callable]:
 
 
 # What gives a part mass, by its kind.
-_OF_BEAMS = "Give its section rhoA and rhoI, add a mass, or add a support"
-_OF_NODE = "Give it a mass by add_mass(node, mass, inertia=...), or add a support"
-_OF_ROTATION = (
+_BEAM_ADVICE = "Give its section rhoA and rhoI, add a mass, or add a support"
+_NODE_ADVICE = "Give it a mass by add_mass(node, mass, inertia=...), or add a support"
+_ROTATION_ADVICE = (
     "Give the mass an inertia by {}(..., inertia=...); or, as a point mass that does not turn, "
     'hold it by fix(node, "rotation")'
 )
@@ -284,12 +284,12 @@ def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> 
     if not names:  # a part without elements is one node
         number = int(np.flatnonzero(parts.part_of_node == part)[0])
         owners = [body.name for body in scene.bodies if scene.nodes[number] in body.nodes]
-        advice = _OF_NODE
+        advice = _NODE_ADVICE
         if not parts.free[part, :2].any():  # it has a mass at this place
-            advice = _OF_ROTATION.format("add_body" if owners else "add_mass")
+            advice = _ROTATION_ADVICE.format("add_body" if owners else "add_mass")
         return f"{scene.nodes[number]}{f' of {owners[0]}' if owners else ''} {motion}", advice
     ending = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return f"beam{'s' * (len(names) > 1)} {', '.join(names[:3])}{ending} {motion}", _OF_BEAMS
+    return f"beam{'s' * (len(names) > 1)} {', '.join(names[:3])}{ending} {motion}", _BEAM_ADVICE
 
 
 # Below this ratio of singular values closures depend on each other; forces below this ratio are

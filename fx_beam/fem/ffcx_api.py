@@ -31,9 +31,9 @@ _OPTIONS = {
     **{"tabulate_tensor_void": False, "assume_aligned": -1, "padlen": 1},
     **{"sum_factorization": False, "language": "C", "part": "full"},
 }
-_OF_ANALYSIS: Any = _OPTIONS
+_ANALYSIS_OPTIONS: Any = _OPTIONS
 if "parameters" not in inspect.signature(analyze_ufl_objects).parameters:
-    _OF_ANALYSIS = _OPTIONS["scalar_type"]
+    _ANALYSIS_OPTIONS = _OPTIONS["scalar_type"]
 _HEADERS = "math.h", "stdalign.h", "stdlib.h", "string.h"
 # Generated code with functions of one element; the first two are what version 0.5 refers to in it.
 _BLOCKS = "elements", "dofmaps", "integrals", "expressions"
@@ -58,7 +58,7 @@ def generated(written: Written, prefix: str) -> dict[str, Any]:
     if not written.forms:
         return {"header": "", "source": "", "arguments": 0, "forms": {}, "facts": written.facts}
     with _quiet():
-        analysis = analyze_ufl_objects([*written.forms.values()], _OF_ANALYSIS)
+        analysis = analyze_ufl_objects([*written.forms.values()], _ANALYSIS_OPTIONS)
         ir = compute_ir(analysis, {}, prefix, _OPTIONS, False)
         code: Any = generate_code(ir, _OPTIONS)
     code = code if hasattr(code, "integrals") else code[0]  # later versions add suffixes of files

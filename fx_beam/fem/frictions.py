@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .compiled_points import CompiledPoints
-from .member_contacts import IN_SLOT, SLOTS, MemberPair
+from .member_contacts import SLOT_WIDTH, SLOTS, MemberPair
 from .point_forces import PointForces
 
 
@@ -64,8 +64,8 @@ def friction_of_members(points: PointForces, internal: np.ndarray) -> dict[int, 
     frictions = {}
     for pair, slots in _slots_of_members(points):
         if pair.contact is not None:
-            memory = internal[:, slots[:, None] + np.arange(IN_SLOT)]
-            memory = memory.reshape(len(internal), len(pair.points), SLOTS, IN_SLOT)
+            memory = internal[:, slots[:, None] + np.arange(SLOT_WIDTH)]
+            memory = memory.reshape(len(internal), len(pair.points), SLOTS, SLOT_WIDTH)
             most = abs(memory[..., 1]).argmax(axis=-1)
             farthest = np.take_along_axis(memory, most[..., None, None], axis=2)
             frictions[pair.contact.number] = farthest[:, :, 0, 1:]
@@ -79,7 +79,7 @@ def _slots_of_members(points: PointForces) -> Iterator[tuple[MemberPair, np.ndar
     first_variable = points.width - members.width
     for pair, first in zip(members.pairs, members.first_slots[:-1].tolist(), strict=True):
         if pair.law.internal:
-            yield pair, first_variable + IN_SLOT * (first + np.arange(SLOTS * len(pair.points)))
+            yield pair, first_variable + SLOT_WIDTH * (first + np.arange(SLOTS * len(pair.points)))
 
 
 def smooth_signs_of(points: PointForces) -> list[SmoothSign]:

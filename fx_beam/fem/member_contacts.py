@@ -28,7 +28,7 @@ from .sparsity import connected_parts
 
 #: Entries of a contact point, slots of memory of a point's friction, and numbers in each
 #: (member_contact.h).
-_ENTRIES, SLOTS, IN_SLOT = 10, 2, 3
+_ENTRIES, SLOTS, SLOT_WIDTH = 10, 2, 3
 # Nodes of a closed member on either side of its seam that are there twice; ends relative to its
 # length that are at one place.
 _AROUND, _SAME_PLACE = 4, 1e-9
@@ -151,7 +151,7 @@ class MemberContacts:
         self.slopes: list[PointFunction] = []
         counts = [SLOTS * len(pair.points) * bool(pair.law.internal) for pair in pairs]
         #: First slot of memory of each; all their internal variables.
-        self.first_slots, self.width = np.cumsum([0, *counts]), IN_SLOT * sum(counts)
+        self.first_slots, self.width = np.cumsum([0, *counts]), SLOT_WIDTH * sum(counts)
         self.ffi, self.library = c_library.open_library(*LIBRARY)
         self._doubles = functools.partial(self.ffi.from_buffer, self.ffi.typeof("double[]"))
         self._numbers = [np.array(pair.numbers) for pair in pairs]

@@ -21,7 +21,7 @@ _SUSPECT = 0.5
 # Calls at which a function is looked at in any case; so it is at the last of many at once.
 _REGULAR_LOOKS = frozenset([0, *(16**k for k in range(10))])
 # Times whose values are read at once: those of more would not stay in the processor's cache.
-_AT_ONCE = 50
+_BATCH = 50
 # Error of the integral over a piece of an element, relative to that of the largest value over the
 # element. Parts into which each element is divided at first, at least, all of a beam together, and
 # each piece with a larger error; both ends of a piece.
@@ -143,7 +143,7 @@ class ValuesOverTime(Signal):
     def series(self, times: np.ndarray, name: str, arrays: ArrayCalls | None = None) -> MaybeDual:
         """Values (n, ...) at n times; StepError if the function fails."""
         call = functools.partial(evaluate, name=name)
-        parts = (times[k : k + _AT_ONCE].tolist() for k in range(0, len(times), _AT_ONCE))
+        parts = (times[k : k + _BATCH].tolist() for k in range(0, len(times), _BATCH))
         return np.concatenate([self._at(part, call) for part in parts])
 
     def _at(self, times: list[float], call: Callable) -> MaybeDual:
@@ -169,7 +169,7 @@ class ValuesOverTime(Signal):
         """Of times with values (n, points, size) those at which to look between the points."""
         first, self._calls = self._calls, self._calls + len(rows)
         # The last of many is looked at, else a load that comes is seen late.
-        last = len(rows) - 1 if len(rows) >= _AT_ONCE // 2 else -1
+        last = len(rows) - 1 if len(rows) >= _BATCH // 2 else -1
         for k, suspect in enumerate(self._nearest.is_suspect(rows).tolist()):
             call = first + k
             if call in _REGULAR_LOOKS or k == last or (suspect and call >= self._next_look):

@@ -35,7 +35,7 @@ _SHORT = 6e-6
 
 # In equilibrium a contact slips that is so close to its limit: in the state where its slip ended,
 # round-off would decide.
-_AT_LIMIT = 1e-9
+_LIMIT_MARGIN = 1e-9
 # A smaller friction [N] is none.
 _OPEN = 1e-100
 
@@ -53,12 +53,12 @@ class _Step(NamedTuple):
 
     @property
     def rate(self) -> Expr:
-        """Its rate at the scheme's level."""
+        """Rate of the coordinate at the scheme's level."""
         return self.motion.rate_at_level(self.x.rate, self.mean)
 
     @property
     def mean(self) -> Expr:
-        """Its mean rate over the step."""
+        """Mean rate of the coordinate over the step."""
         return self.motion.mean_rate(self.x.path)
 
     def sign(self, speed: Expr) -> tuple[Expr, list[Expr]]:
@@ -429,7 +429,7 @@ def _sticking(step: _Step, normal: Expr, still_normal: Expr) -> tuple[Expr, list
     tau, mu, stiffness = step.numbers[-3:]
     start, slipped = step.motion.internal[:2]
     rule = step.motion.rule
-    edge = 1 - _AT_LIMIT if rule.at_rest or rule.instant else 1.0
+    edge = 1 - _LIMIT_MARGIN if rule.at_rest or rule.instant else 1.0
     # The force is kt (z0 + part Dz): at the scheme's level with the viscosity, or at the end.
     part = rule.level + tau / step.motion.dt
     if rule.at_rest:

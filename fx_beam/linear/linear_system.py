@@ -226,9 +226,9 @@ def _are_definite(M: scipy.sparse.csr_matrix) -> bool:
 
 
 # Quantities that are linearised: places and rates of nodes and joints.
-_OF_MOTION = "q", "slides", "v"
+_MOTION_ARRAYS = "q", "slides", "v"
 _KINDS = (OF_NODES | OF_JOINTS | OF_LINES).items()
-_LINEAR = [name for name, quantity in _KINDS if quantity.of in _OF_MOTION]
+_LINEAR = [name for name, quantity in _KINDS if quantity.of in _MOTION_ARRAYS]
 
 
 @dataclass(frozen=True, repr=False)
