@@ -38,46 +38,31 @@ _SOUGHT, _CORRECTIONS = 4, 6
 def mechanism_of(
     scene: Scene,
     mesh: Mesh,
-    entries: scipy.sparse.csr_matrix,
+    stiffness: scipy.sparse.csr_matrix,
     mass: scipy.sparse.csr_matrix | None,
     settles: bool,
 ) -> str:
-    """Why a scene is a mechanism without loads, or empty; SceneError unless it settles."""
-    try:
-        check_no_massless_mechanism(scene, mesh, entries, mass)
-    except SceneError as error:
-        if not settles:
-            raise
-        return str(error).removesuffix(". Add a support")
-    return ""
+    """Why a scene can move as a mechanism of rigid bodies without mass or support; empty if not.
 
-
-def check_no_massless_mechanism(
-    scene: Scene,
-    mesh: Mesh,
-    stiffness: scipy.sparse.csr_matrix,
-    mass: scipy.sparse.csr_matrix | None,
-) -> None:
-    """Refuse a scene that can move as a mechanism of rigid bodies without mass or support.
-
-    Each such motion must have mass or linear drag. In statics (`mass` is None) none may exist, and
-    neither dampers nor drag restrain it.
+    SceneError unless it settles. Each such motion must have mass or linear drag. In statics (`mass`
+    is None) none may exist, and neither dampers nor drag restrain it.
     """
     parts = _parts(mesh, stiffness, None if mass is None else _inertia(scene, mesh, mass))
     if parts is None or not parts.free.any():
-        return
+        return ""
     motion = _motion(_rows(scene, mesh, parts, static=mass is None))
     if motion is None:
-        return
+        return ""
     rates = np.zeros(parts.free.shape)
     rates[parts.free] = motion
     description, advice = _description(scene, mesh, parts, rates)
     body = f"{description} as a rigid body"
-    if mass is not None:
-        raise SceneError(
-            f"Equations of motion are singular: {body}, without mass or support. {advice}"
-        )
-    raise SceneError(f"Static analysis is singular: {body}. Add a support")
+    reason = f"Equations of motion are singular: {body}, without mass or support"
+    if mass is None:
+        reason, advice = f"Static analysis is singular: {body}", "Add a support"
+    if not settles:
+        raise SceneError(f"{reason}. {advice}")
+    return f"{reason}. {advice}".removesuffix(". Add a support")
 
 
 class _Parts(NamedTuple):

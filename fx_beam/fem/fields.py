@@ -14,7 +14,7 @@ from fx_beam.scene.parameters import names_of, parameters_in, parameters_of, rep
 from fx_beam.symbolic import Expr, ufl
 
 from . import elements
-from .beam_data import CONSTANTS, NATURAL, NODAL, DataShape, Kind
+from .beam_data import CONSTANTS, NATURAL, NODAL, Kind
 
 
 class Fields:
@@ -65,14 +65,6 @@ class Fields:
         """The reference positions, and the space of their changes."""
         element = self._domain.ufl_coordinate_element()
         return ufl.SpatialCoordinate(self._domain), ufl.FunctionSpace(self._domain, element)
-
-    def data(self, shape: DataShape):
-        """UFL's symbol for data of beams."""
-        return self.symbols.data(*shape)
-
-    def constants(self, count: int):
-        """UFL's symbol for so many numbers."""
-        return self.symbols.constant(count)
 
     def internal(self, width: int):
         """UFL's space of so many internal variables at the Gauss points."""
@@ -143,13 +135,13 @@ class FormSymbols:
 
     def __init__(self, kind: Kind, fields: Fields):
         #: Data of beams by name: (EA, GA, EI) of the quadratic law, retardation times, and drag.
-        self.data = {name: fields.data(shape) for name, shape in kind.data}
+        self.data = {name: fields.symbols.data(*shape) for name, shape in kind.data}
         self.times = self.data.get("retardation")
         drag_names = [name for name in self.data if name.startswith("drag ")]
         #: Coefficients of the drag.
         self.drag = {name.removeprefix("drag "): self.data[name] for name in drag_names}
         #: Where each virtual work acts: 1 there, 0 elsewhere.
-        self.indicators = [fields.data((1, ())) for _ in kind.works]
+        self.indicators = [fields.symbols.data(1) for _ in kind.works]
         energy_parameters = parameters_of(
             function
             for material in kind.materials
@@ -166,7 +158,7 @@ class FormSymbols:
         #: Their values (n,), None without any, and those by name.
         self.parameters: Expr = None
         if self.names:
-            self.parameters = fields.constants(len(self.names))
+            self.parameters = fields.symbols.constant(len(self.names))
         self.by_name = {name: self.parameters[i] for i, name in enumerate(self.names)}
         #: Number of internal variables at a Gauss point, and their values at the step's start.
         self.width = max(len(internal.names) if internal else 0 for _, internal in kind.materials)

@@ -101,12 +101,7 @@ class ParameterValues:
 
     def hold(self, t: float) -> None:
         """Keep the values at a time [s], as in statics."""
-        self._held = False
-        self.keep(self.at(t))
-
-    def keep(self, values: np.ndarray) -> None:
-        """Keep given values (n,)."""
-        self.use(values)
+        self.use(self.signals.at(t))
         self._held = True
 
     def begin(self, level: float, values: np.ndarray | None = None) -> None:

@@ -17,7 +17,7 @@ class DerivedForm(WeakForm):
         #: Zero, added to the parameters of each element.
         self._more: Expr = None
         if self.symbols.parameters is not None:
-            self._more = self.fields.data((1, self.symbols.parameters.ufl_shape))
+            self._more = self.fields.symbols.data(1, self.symbols.parameters.ufl_shape)
             self.named[self._more] = "more"
 
     def derivatives(self, name: str) -> Written:
