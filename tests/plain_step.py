@@ -62,7 +62,7 @@ class PlainStep:
             state.spring_internal[followed] = end.spring_internal[followed]
         start = start_of(model, state, interval.length)
         if (strains := self.forcing.natural(interval.end)) is not None:
-            start = start._replace(natural=(state.natural, strains))
+            start = start.with_natural(state.natural, strains)
         forces = model.forms.begin(interval, start)
         for _ in range(8):  # until all members are known that a point touches
             inner = forces.internal(self.D)

@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam import c_library
 from fx_beam.c_library import Structs
 from fx_beam.dual import floats
-from fx_beam.laws.interval import Interval, StepStart
+from fx_beam.laws.interval import Interval, StepBatch
 
 from .compiled_laws import LIBRARY
 from .point_forces import PointForces
@@ -74,17 +74,18 @@ class CompiledPoints:
             placed.numbers[-1] = factor
         self._load_increment = increment
 
-    def begin(self, interval: Interval, start: StepStart) -> None:
+    def begin(self, interval: Interval, start: StepBatch) -> None:
         """Begin a step. In statics its length is the increment of the load."""
         if not self.points.any:
             return
         t = interval.at(self.points.rule.level)
         dt = self._load_increment if self.points.rule.at_rest else interval.length
-        missing = np.zeros(int(self.points.slides.max(initial=-1)) + 1)
-        slides, rates = (x if len(x) else missing for x in (start.slides, start.slide_rates))
-        vectors = (self._doubles(x) for x in (start.q, start.v, slides, rates))
-        internal = start.spring_internal
-        variables = np.zeros(self.points.width) if internal is None else internal
+        still = np.zeros(int(self.points.slides.max(initial=-1)) + 1)
+        slides, rates = (x if x.size else still for x in (start.slides, start.slide_rates))
+        variables = start.spring_internal
+        if not variables.size:
+            variables = np.zeros(self.points.width)
+        vectors = map(self._doubles, (start.q, start.v, slides, rates))
         self._c.fx_begin_points(self._all, *vectors, t, dt, self._doubles(variables))
         if len(self.points.followers):
             forces = floats(self.points.followers.at(interval))

@@ -9,7 +9,7 @@ import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
-from fx_beam.laws.interval import Interval, StepBatch, StepStart
+from fx_beam.laws.interval import Interval, StepBatch
 from fx_beam.laws.point_laws import StepRule
 from fx_beam.laws.rates import NodalRates
 from fx_beam.laws.schemes import Scheme
@@ -128,13 +128,13 @@ class Forms:
         if self.beams is not None:
             self.beams.data.named["load_factor"][...] = factor
 
-    def begin(self, interval: Interval, start: StepStart) -> StepForces:
-        """The forces of a step that begins."""
+    def begin(self, interval: Interval, start: StepBatch) -> StepForces:
+        """The forces of a step that begins, by the arrays of one step."""
         t = interval.at(self._rates.level)
-        self.parameters.begin(t, start.parameters)
+        self.parameters.begin(t)
         self.compiled_points.begin(interval, start)
-        step = start.batch(t, interval.length, np.zeros(self.size), self.parameters.values)
-        return StepForces(self, step)
+        times, parameters = np.array([[t], [interval.length]]), self.parameters.values[None]
+        return StepForces(self, start._replace(t=times[0], dt=times[1], parameters=parameters))
 
     def strain_energy(
         self, q: np.ndarray, internal: np.ndarray | None = None, natural: np.ndarray | None = None
@@ -143,8 +143,7 @@ class Forms:
         if self.beams is None:
             return 0.0
         named = {"internal": internal, "natural": natural, "parameters": self.parameters.values}
-        rows = {name: x.reshape(1, -1) for name, x in named.items() if x is not None and x.size}
-        return self.beams.strain_energy(StepBatch.at_rest(q, **rows))
+        return self.beams.strain_energy(StepBatch.at_rest(q, **named))
 
 
 class StepForces:

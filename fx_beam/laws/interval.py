@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-_NONE, _ZERO, _ONE = np.empty(0), np.zeros(1), np.ones(1)
+_NONE = np.empty(0)
 
 
 class Interval(NamedTuple):
@@ -69,52 +69,6 @@ class Rest(NamedTuple):
     factors: np.ndarray
 
 
-class StepStart(NamedTuple):
-    """Configuration, rates and memory at the start of a step."""
-
-    #: Displacements and rotations q (size,), rates v and accelerations a; v and a may be left out
-    #: if nothing depends on them.
-    q: np.ndarray
-    v: np.ndarray = _NONE
-    a: np.ndarray = _NONE
-    #: Start of the last step, q by default, and `Step.memory`.
-    q_previous: np.ndarray | None = None
-    memory: float = 0.0
-    #: Internal variables (cells, degree, width) of beams.
-    internal: np.ndarray | None = None
-    #: Slides and their rates (joints,), zero by default, and internal variables of springs.
-    slides: np.ndarray = _NONE
-    slide_rates: np.ndarray = _NONE
-    spring_internal: np.ndarray | None = None
-    #: Parameters (n,) at the scheme's level, where they are not functions of time.
-    parameters: np.ndarray | None = None
-    #: Natural strains (cells, degree, 3) at the start and at the end of the step, if there are any.
-    natural: tuple[np.ndarray, np.ndarray] | None = None
-
-    def batch(self, t: float, length: float, D: np.ndarray, parameters: np.ndarray) -> StepBatch:
-        """The one step from here with an increment D (size,) and the values of `parameters`."""
-        natural, natural_end = self.natural or (None, None)
-        return StepBatch(
-            t=np.array([t]),
-            dt=np.array([length]),
-            D=_row(D),
-            q=_row(self.q),
-            v=_row(self.v),
-            a=_row(self.a),
-            q_previous=_row(self.q if self.q_previous is None else self.q_previous),
-            internal=_row(self.internal),
-            natural=_row(natural),
-            natural_end=_row(natural_end),
-            memory=np.array([self.memory]),
-            parameters=_row(parameters),
-        )
-
-
-def _row(values: np.ndarray | None) -> np.ndarray:
-    """The one row (1, n) of a batch; empty for nothing."""
-    return _NONE if values is None or not values.size else values.reshape(1, -1)
-
-
 class StepBatch(NamedTuple):
     """Completed steps, or parts of halved ones, one a row; what nothing depends on is left out."""
 
@@ -141,11 +95,24 @@ class StepBatch(NamedTuple):
     spring_internal: np.ndarray = _NONE
     slides: np.ndarray = _NONE
     slide_increments: np.ndarray = _NONE
+    #: Rates (n, joints) of the slides at the start.
+    slide_rates: np.ndarray = _NONE
 
     @classmethod
-    def at_rest(cls, q: np.ndarray, **more: np.ndarray) -> StepBatch:
+    def single(cls, t: float, dt: float, **arrays: np.ndarray | None) -> StepBatch:
+        """One step, for arrays of any shape; None is for those that there are not."""
+        present = {name: x for name, x in arrays.items() if x is not None and x.size}
+        rows = {name: x.reshape(1, -1) if x.ndim else x.reshape(1) for name, x in present.items()}
+        return cls(np.array([t]), np.array([dt]), **rows)
+
+    @classmethod
+    def at_rest(cls, q: np.ndarray, **arrays: np.ndarray | None) -> StepBatch:
         """One step in which q (size,) does not move."""
-        return cls(_ZERO, _ONE, q=q[None], **more)
+        return cls.single(0.0, 1.0, q=q, **arrays)
+
+    def with_natural(self, first: np.ndarray, last: np.ndarray) -> StepBatch:
+        """One step with natural strains (cells, degree, 3) at its start and end."""
+        return self._replace(natural=first.reshape(1, -1), natural_end=last.reshape(1, -1))
 
     @property
     def fields(self) -> tuple[np.ndarray, ...]:

@@ -19,12 +19,15 @@ def line_rows(
     model, state = about.model, about.state
     T, dT = about.T.toarray(), about.dT.toarray()
     parameters = model.forms.parameters
-    arrays = {"v": T @ about.rates, "parameters": parameters.at(state.t)}
-    if state.spring_internal is not None:
-        arrays["spring_internal"] = state.spring_internal
-    rows = {name: values[None] for name, values in arrays.items()}
-    times, factors = np.array([state.t]), np.array([about.factor])
-    steps = StepBatch(times, np.ones(1), q=state.q[None], load_factor=factors, **rows)
+    steps = StepBatch.single(
+        state.t,
+        1.0,
+        q=state.q,
+        v=T @ about.rates,
+        parameters=parameters.at(state.t),
+        spring_internal=state.spring_internal,
+        load_factor=np.array(about.factor),
+    )
     moved, rate_row, direct = np.zeros(T.shape[1]), np.zeros(T.shape[1]), list[float]()
     parameter_slopes = np.zeros(len(parameters))
     rule = AN_INSTANT if quantity == "pull" else None

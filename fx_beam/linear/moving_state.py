@@ -312,7 +312,7 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
         inputs = start_of(model, start, dt)
         if strained is not None and state.natural is not None:
             first = state.natural - dt / 2 * strained
-            inputs = inputs._replace(natural=(first, first + dt * strained))
+            inputs = inputs.with_natural(first, first + dt * strained)
         nonlocal added
         forces = forms.begin(instant(state.t, dt), inputs)
         f, added = forces.internal(D), forces.added()

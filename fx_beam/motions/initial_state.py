@@ -256,11 +256,11 @@ class Starts:
             """
             D, slid = moves * h * state.v, moves * h * slide_rates(model, state)
             shifted = replace(state, q=state.q - level * D, slides=state.slides - level * slid)
-            start = start_of(model, shifted, h)._replace(a=np.zeros(model.size))
+            start = start_of(model, shifted, h)._replace(a=np.zeros((1, model.size)))
             if (natural := state.natural) is not None:
                 change = h / dt * (self._forcing.natural(state.t + dt) - natural)
                 first = natural - level * change
-                start = start._replace(natural=(first, first + change))
+                start = start.with_natural(first, first + change)
             forces = model.forms.begin(instant(state.t, h), start)
             model.forms.compiled_points.evaluate_slides(h * w)
             force = forces.internal(D)

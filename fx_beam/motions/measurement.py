@@ -171,9 +171,8 @@ def _energy_reading(model: Model, array_of: Arrays, measured: Measured) -> Readi
     values = PointValues(model.points, measured.law_quantity, measured.terms[0].entries)
 
     def read() -> float:
-        names = "spring_internal", "parameters"
-        rows = {name: row[None] for name in names if (row := array_of(name)) is not None}
-        return float(values.values(StepBatch.at_rest(array_of("q"), **rows))[0])
+        arrays = {name: array_of(name) for name in ("spring_internal", "parameters")}
+        return float(values.values(StepBatch.at_rest(array_of("q"), **arrays))[0])
 
     return read
 

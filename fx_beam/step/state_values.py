@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fx_beam.laws.interval import Interval, StepStart
+from fx_beam.laws.interval import Interval, StepBatch
 from fx_beam.results.state import State
 from fx_beam.scene.joints import joints_by_number
 
@@ -22,7 +22,7 @@ def energy_of(model: Model, state: State) -> float:
     return float(sum((kinetic, strained, potential, stored)))
 
 
-def start_of(model: Model, state: State, length: float) -> StepStart:
+def start_of(model: Model, state: State, length: float) -> StepBatch:
     """The start of a step of some length [s] from a state, for the forces.
 
     Natural strains do not change in the step.
@@ -30,18 +30,20 @@ def start_of(model: Model, state: State, length: float) -> StepStart:
     # At mid-step forces at points depend on mean rates alone.
     needed = model.scheme.rates.level != 0.5 and not model.scheme.rates.at_rest
     rates = slide_rates(model, state) if needed else 0 * state.slides
-    natural = None if state.natural is None else (state.natural, state.natural)
-    return StepStart(
+    return StepBatch.single(
+        state.t,
+        length,
         q=state.q,
         v=state.v,
         a=state.a,
-        q_previous=state.q_previous,
-        memory=state.memory(length),
+        q_previous=state.q if state.q_previous is None else state.q_previous,
+        memory=np.array(state.memory(length)),
         internal=state.internal,
         slides=state.slides,
         slide_rates=rates,
         spring_internal=state.spring_internal,
-        natural=natural,
+        natural=state.natural,
+        natural_end=state.natural,
     )
 
 
