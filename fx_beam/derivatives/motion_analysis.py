@@ -25,7 +25,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import Measured
 from fx_beam.scene.scene import Scene
-from fx_beam.step.model import Model
+from fx_beam.step.model import Model, massless_dofs, once
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
@@ -176,7 +176,7 @@ class MotionAnalysis(Analysis):
         numbers_of = functools.partial(self._numbers_of_steps, tape, short, None, False)
         changes = self.parameters.derivatives(lambda scene, change: numbers_of(scene, change)[2])
         rates = derivatives.jvp(tape, changes, np.ones(1, int))["v"][0]
-        return np.where(model.massless, 2, 1) * rates / short  # those are means
+        return np.where(once(model, massless_dofs), 2, 1) * rates / short  # those are means
 
     def _numbers_of_steps(
         self, tape: Tape, first: float, start: Any, at_start: bool, scene: Scene, change: Any
@@ -225,7 +225,7 @@ class MotionAnalysis(Analysis):
         numbers |= observed_numbers_of(other.model, other.model.data, state, *rates, needs.start)
         if a_by_x is not None and isinstance(change, Dual):
             # Nodes without mass have none by definition, but those that others carry.
-            has = ~other.model.massless | (state.a != 0)
+            has = ~once(other.model, massless_dofs) | (state.a != 0)
             numbers["a"] = Dual(state.a, a_by_x.T * has[:, None])
         return numbers
 

@@ -20,6 +20,7 @@ from fx_beam.motions.prepared import stats_of
 from fx_beam.motions.progress import attach, attach_partial_result, failure_of, progress_bar
 from fx_beam.motions.set_ups import model_for
 from fx_beam.motions.surroundings import warn_of_equal_work
+from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution, forces_on_nodes
 from fx_beam.results.state import State
 from fx_beam.scene.functions import constant

@@ -22,7 +22,7 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.model import Model, once
+from fx_beam.step.model import Model, massless_dofs, once
 from fx_beam.step.newton import newton
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
     """
     from fx_beam.step.equations import Equations
 
-    reduction, still, has_mass = model.reduction, np.zeros(model.size), ~model.massless
+    reduction, still, has_mass = model.reduction, np.zeros(model.size), ~once(model, massless_dofs)
     shared = reduction.maps.moves(has_mass) & ~moves_alone(model.couplings, has_mass)
     equations = Equations(model, inertia=_LITTLE if shared.any() else 1.0)
     time, level = 1e-9 * dt, model.scheme.rates.level
@@ -130,7 +130,7 @@ def needs_accelerations(model: Model) -> bool:
     read = beams is not None and (beams.facts.needs_rates or beams.facts.resultants_need_rates)
     if read or not has_mean_rates or len(model.scheme.fractions) > 1:
         return True
-    return not moves_alone(model.couplings, ~model.massless).all()
+    return not moves_alone(model.couplings, ~once(model, massless_dofs)).all()
 
 
 def finds_accelerations_later(model: Model) -> bool:

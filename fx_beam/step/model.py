@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.coupling.graph import Auxiliaries, couple, motors
 from fx_beam.coupling.joints_in_c import begin_to_build_joints
 from fx_beam.coupling.reduction import Reduction
@@ -76,29 +75,16 @@ class Model:
         self.reduction: Reduction
         self._build_reduction()
         if sticks(scene) and not scheme.rates.at_rest:
-            self.data = self.damped(data, self.reduction)
+            self.data = damped(self, data, self.reduction)
             forms.bind(self.data.forms)
         #: The structure of the scene.
         self.structure = Structure(scene)
+        #: What is made of it once: problems in C by what they are for, and results of functions.
+        self.problems: dict[Hashable, Any] = {}
         # Whether masses hold nothing, and whether loads may hold a mechanism.
         self._rests = scheme.rates.at_rest and not mobile, settles
         #: Why the scene without loads is a mechanism; empty if it is none.
-        self.mechanism = ""
-        #: What is made of it once: problems in C by what they are for, and results of functions.
-        self.problems: dict[Hashable, Any] = {}
-        if not part:
-            self._check_mechanism()
-
-    def _check_mechanism(self) -> None:
-        self.mechanism = ""
-        heavy = not self._rests[0] and not self.massless.any()
-        if not heavy and (self._rests[1] or not self.scene.virtual_works):
-            from fx_beam.coupling.determinacy import mechanism_of
-
-            mass = None if self._rests[0] else self.masses.matrix
-            self.mechanism = mechanism_of(
-                self.scene, self.mesh, self.forms.beam_pattern, mass, self._rests[1]
-            )
+        self.mechanism = "" if part else _mechanism(self, *self._rests)
 
     def read(self, scene: Scene, X: MaybeDual, forms: FormData, known: Data | None = None) -> Data:
         """The numbers of a scene with nodes at X (n, 2); loads that are not there are those known.
@@ -117,15 +103,6 @@ class Model:
             natural = known.natural
         moved, beams = motors(scene), LoadedBeams.of(scene)
         return Data(scene, X, forms, masses, loads, natural, arms, moved, beams)
-
-    def damped(self, data: Data, reduction: Reduction) -> Data:
-        """Numbers in which friction that sticks has critical damping, by the masses it holds."""
-        from .inertia import mobility
-
-        mass = self.masses.places.matrix(floats(data.masses["mass"]))
-        moves = mobility(data, mass, reduction, self.mesh)
-        forms = form_data(data.scene, self.mesh, data.X, self.scheme.rates, moves)
-        return data._replace(forms=forms)
 
     def bind(self, data: Data) -> None:
         """Set all numbers, as if this were set up anew; OtherStructureError, then nothing is set.
@@ -147,7 +124,7 @@ class Model:
         scene = data.scene
         places_tell = self._rests[0] and not (scene.joints or scene.forces_between)
         if elsewhere or scene.drags or (self.scheme.rates.at_rest and not places_tell):
-            self._check_mechanism()
+            self.mechanism = _mechanism(self, *self._rests)
 
     def _set(self, data: Data, moved: bool) -> None:
         #: The numbers that it has now, and their scene.
@@ -155,18 +132,6 @@ class Model:
         self.masses.bind(data.masses)
         if moved:
             self.mesh.bind(floats(data.X))
-
-    @cached_property
-    def massless(self) -> np.ndarray:
-        """Whether neither a degree of freedom has mass nor one that moves as it does, (size,)."""
-        heavy = self.masses.matrix.diagonal() > 0
-        if heavy.all():
-            return ~heavy
-        self.reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
-        # Those that are equal have equal rates, whatever those of the columns are.
-        rates = np.random.default_rng(0).random(self.reduction.columns)
-        rates = self.reduction.maps.to_nodes(rates)
-        return ~np.isin(rates, rates[heavy])
 
     def _build_reduction(self) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""
@@ -240,6 +205,38 @@ class Model:
             check_loops(scene, self.reduction, loops)
         if not self.couplings.is_selection:
             self.masses.assembled.append("joints")
+
+
+def damped(model: Model, data: Data, reduction: Reduction) -> Data:
+    """Numbers in which friction that sticks has critical damping, by the masses it holds."""
+    from .inertia import mobility
+
+    mass = model.masses.places.matrix(floats(data.masses["mass"]))
+    moves = mobility(data, mass, reduction, model.mesh)
+    return data._replace(forms=form_data(data.scene, model.mesh, data.X, model.scheme.rates, moves))
+
+
+def _mechanism(model: Model, massless: bool, settles: bool) -> str:
+    """Why a scene without loads is a mechanism, or without masses; empty if it is none."""
+    heavy = not massless and not once(model, massless_dofs).any()
+    if heavy or not (settles or not model.scene.virtual_works):
+        return ""
+    from fx_beam.coupling.determinacy import mechanism_of
+
+    mass = None if massless else model.masses.matrix
+    return mechanism_of(model.scene, model.mesh, model.forms.beam_pattern, mass, settles)
+
+
+def massless_dofs(model: Model) -> np.ndarray:
+    """Whether neither a degree of freedom has mass nor one that moves as it does, (size,)."""
+    heavy, reduction = model.masses.matrix.diagonal() > 0, model.reduction
+    if heavy.all():
+        return ~heavy
+    reduction.begin(np.zeros(model.size), slides_at_start(model.scene))
+    # Those that are equal have equal rates, whatever those of the columns are.
+    rates = np.random.default_rng(0).random(reduction.columns)
+    rates = reduction.maps.to_nodes(rates)
+    return ~np.isin(rates, rates[heavy])
 
 
 def once(model: Model, make: Callable[[Model], T]) -> T:

@@ -11,7 +11,7 @@ from fx_beam.fem.scene_data import Data, form_data
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
 
-from .model import Model, sticks
+from .model import Model, damped, sticks
 
 
 def data_of(model: Model, scene: Scene) -> Data:
@@ -22,7 +22,7 @@ def data_of(model: Model, scene: Scene) -> Data:
     if not rates.at_rest and (scene.joints or scene.contacts) and sticks(scene):
         fits = not model.couplings.need_places or data.lies_as(model.data)
         fitting = model if fits else Model(scene, model.scheme, part=True)
-        data = model.damped(data, fitting.reduction)
+        data = damped(model, data, fitting.reduction)
     _check(model, data)
     return data
 

@@ -22,7 +22,7 @@ from fx_beam.scene.beam import gauss_rule
 
 from .build import begin_to_build, load_library
 from .form_tables import FORMS, FormTables, aligned_zeros
-from .model import Model
+from .model import Model, massless_dofs, once
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE
 from .state_vector import StateVector
 from .substeps import LARGE_TURN
@@ -215,7 +215,7 @@ class Problem:
         mesh, K = model.mesh, model.forms.stiffness
         cells, cell_dofs = mesh.unknowns.dofs.shape
         at_rest = model.scheme.rates.at_rest
-        massless = np.empty(0, int) if at_rest else np.flatnonzero(model.massless)
+        massless = np.empty(0, int) if at_rest else np.flatnonzero(once(model, massless_dofs))
         if natural := model.data.natural:
             self.set(
                 natural={
