@@ -37,7 +37,7 @@ class Forms:
     ):
         if scene.virtual_works and not scene.beams:
             raise SceneError("add_virtual_work acts on beams, but the scene has none. Add a beam")
-        self.size, self._cell_dofs = mesh.dofs.size, mesh.unknowns.dofs
+        self._cell_dofs = mesh.unknowns.dofs
         self._rates, rule, members = scheme.rates, StepRule.of(scheme.rates, instant), None
         #: Parameters of the user's functions.
         self.parameters = parameters = ParameterValues(data.parameters)
@@ -176,7 +176,7 @@ class StepForces:
 
     def added(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers [N, N m]."""
-        force = np.zeros(self._forms.size)
+        force = np.zeros(self._forms.stiffness.shape[0])
         if self._forms.beams is not None:
             self._forms.beams.add_external(self._step, force)
         self._forms.compiled_points.add_external(force)

@@ -64,7 +64,7 @@ class Model:
         #: The forces at points.
         self.points = self.forms.points
         #: Number of degrees of freedom.
-        self.size = forms.size
+        self.size = self.mesh.dofs.size
         #: Where forces bend.
         self.kinks = Kinks(scene, forms, scheme.rates.at_rest)
         #: The mass of beams and lumped ones.
