@@ -12,7 +12,17 @@ from typing import Any
 import numpy as np
 
 from fx_beam.dual import Dual, MaybeDual, dual_array, dual_of, floats
-from fx_beam.errors import LARGEST, Failure, SceneError, StepError, is_number, shaped, shown, vector
+from fx_beam.errors import (
+    LARGEST,
+    Failure,
+    SceneError,
+    StepError,
+    all_of,
+    is_number,
+    shaped,
+    shown,
+    vector,
+)
 
 # Parameter names, in lower case, that show a function of position instead of time.
 _PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
@@ -147,7 +157,7 @@ class Signal:
             # They are checked at once: one by one, the checks cost more than most functions.
             try:
                 values = dual_array(collected).reshape(len(collected), self.size)
-                if not run or np.isfinite(values).all():
+                if not run or all_of(np.isfinite(values)):
                     return values
             except (TypeError, ValueError, OverflowError):
                 pass  # the row whose value is wrong is found below
@@ -328,13 +338,13 @@ def _at_once(function: Callable, size: int, rows: MaybeDual) -> MaybeDual | None
         if _is_endless(error):
             raise
         return None
-    return values if values.shape[1] == size and np.isfinite(values).all() else None
+    return values if values.shape[1] == size and all_of(np.isfinite(values)) else None
 
 
 def _agree(values: MaybeDual, expected: MaybeDual, sizes: MaybeDual | None = None) -> bool:
     """Whether values (n, size) differ by round-off at most, in terms of the largest of `sizes`."""
     values, expected, sizes = map(floats, (values, expected, expected if sizes is None else sizes))
-    return bool((abs(values - expected) <= _ROUNDING * abs(sizes).max(axis=0)).all())
+    return all_of(abs(values - expected) <= _ROUNDING * abs(sizes).max(axis=0))
 
 
 def _copied(value: object) -> object:
