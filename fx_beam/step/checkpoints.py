@@ -8,23 +8,9 @@ import numpy as np
 
 from fx_beam.laws.interval import divided
 
+from .step_inputs import TakenSteps
 from .sub_step_times import Times
 from .tables import Problem
-
-
-class TakenSteps(NamedTuple):
-    """Steps that C takes at once, from which they can be repeated."""
-
-    number: int
-    dt: float
-    #: Parts of a halved step, and those of the first step that were taken before.
-    parts: int
-    part: int
-    #: The C struct Inputs, and what it points to.
-    inputs: Any
-    arrays: Any
-    #: Starts of the steps or parts, and the end of the last [s], as in their inputs.
-    times: np.ndarray
 
 
 class Checkpoint(NamedTuple):

@@ -13,14 +13,13 @@ from fx_beam.laws.interval import Interval
 from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 
-from .checkpoints import TakenSteps
 from .forcing import Forcing
 from .interrupts import NOTHING
 from .inverted_sections import count_inverted, least_energy
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, RecordsInC, Rows
 from .step_failures import StepFailed, StepFailures
-from .step_inputs import StepInputs, inputs_of
+from .step_inputs import StepInputs, TakenSteps, inputs_of
 from .tables import Problem
 from .tangent_storage import ProblemKind
 

@@ -60,6 +60,21 @@ class StepInputs(NamedTuple):
         return inputs
 
 
+class TakenSteps(NamedTuple):
+    """Steps that C takes at once, from which they can be repeated."""
+
+    number: int
+    dt: float
+    #: Parts of a halved step, and those of the first step that were taken before.
+    parts: int
+    part: int
+    #: The C struct Inputs, and what it points to.
+    inputs: Any
+    arrays: Any
+    #: Starts of the steps or parts, and the end of the last [s], as in their inputs.
+    times: np.ndarray
+
+
 def no_inputs(parts: int, steps: int = 0) -> StepInputs:
     """Inputs of steps without any."""
     none, pairs = np.empty((steps * parts, 0)), np.empty((steps * parts, 2, 0))

@@ -10,9 +10,10 @@ import numpy as np
 from fx_beam.dual import floats
 from fx_beam.results.state import State
 
-from .checkpoints import Checkpoints, TakenSteps, address_of
+from .checkpoints import Checkpoints, address_of
 from .forcing import LoadForcing
 from .model import Model
+from .step_inputs import TakenSteps
 from .sub_step_times import Times
 from .tables import Problem
 
