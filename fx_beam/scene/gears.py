@@ -159,9 +159,9 @@ class Gear:
     @property
     def key(self) -> JointKey:
         """Identifier in a scene that has changed, by numbers of joints in the place of nodes."""
-        numbers = self.joint_a.number, self.joint_b.number
+        a, b = self.joint_a.number, self.joint_b.number
         place = float(self.ratio), float(self.value)
-        return JointKey(self.number, self._kind, *numbers, (), place, "")
+        return JointKey(self.number, self._kind, a, b, (), place, "")
 
     @property
     def nodes(self) -> tuple[Node, ...]:

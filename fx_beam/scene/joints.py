@@ -702,5 +702,5 @@ def key_of(joint: Joint) -> JointKey:
     if joint.place is not None:
         place += [*joint.place.apart, joint.place.turn]
     beam = getattr(getattr(joint, "beam", None), "name", "")
-    nodes, motors = (joint.a.number, joint.b.number), tuple(joint.driven)
-    return JointKey(joint.number, joint.kind, *nodes, motors, tuple(place), beam)
+    a, b, motors = joint.a.number, joint.b.number, tuple(joint.driven)
+    return JointKey(joint.number, joint.kind, a, b, motors, tuple(place), beam)

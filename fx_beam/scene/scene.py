@@ -662,8 +662,8 @@ class Scene:
             loads.check_node(self, carrier, f"{type(b).__name__} of a contact")
         if (stiffness is None) == (energy is None):
             raise SceneError(f"contact of {loads.label(a)}: give either a stiffness or an energy")
-        law = 1.0 if stiffness is None else stiffness, restitution, speed
-        contact = Contact(a, b, *law, self.contact_count, energy, radius, along, friction)
+        k, number = 1.0 if stiffness is None else stiffness, self.contact_count
+        contact = Contact(a, b, k, restitution, speed, number, energy, radius, along, friction)
         if isinstance(contact.shape, Beam):
             loads.check_target(self, contact.shape, "contact")
             check_members(contact, self.nodes.size)
