@@ -13,6 +13,7 @@ from fx_beam.results.buckling_modes import BucklingModes
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import modes_of
 from fx_beam.scene.scene import Scene
+from fx_beam.step.rounding import warn_of_rounding
 from fx_beam.step.sparse_lu import LU
 
 from .geometric_stiffness import check_forces, geometric_stiffness
@@ -126,6 +127,7 @@ def _lowest(small: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray
             "buckling: no positive load factor: the loads make nothing unstable. Reverse them, "
             "or check that they compress a member"
         )
+    warn_of_rounding(K, vectors[:, order], "buckling: load factors have")
     return 1 / inverse[order], unit @ vectors[:, order]
 
 

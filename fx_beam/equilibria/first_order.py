@@ -11,6 +11,7 @@ from fx_beam.results.records import BeamResultants, Energy, Stats
 from fx_beam.results.section_forces import Balance
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.step.rounding import warn_of_rounding
 from fx_beam.step.row_steps import histories_of
 
 from .load_steps import LoadStepper
@@ -59,4 +60,6 @@ def first_order(
         return Balance(balance.s, ends, balance.places, jumps)
 
     solution.resultants_of_beam = resultants_of_beam
+    y = small.y[stepper.model.reduction.independent, None]
+    warn_of_rounding(stepper.motions.stiffness(start), y, "static: linear displacements have")
     return solution

@@ -14,6 +14,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.extended import Extended
+from fx_beam.step.rounding import warn_of_rounding
 
 from .damped_pencil import DampedPencil, Weighted
 from .linearisation import Linearisation, linearised, split
@@ -23,6 +24,8 @@ _CLOSE = 1e-9
 _ROUNDS = 20
 # A stiffness that is none, relative to its own diagonal.
 _SINGULAR = 1e-11
+# Difference of rotations in a beam, relative to the largest motion: a rigid mode has none.
+_BENT = 1e-2
 # Most unknowns with damping and without mass whose motions are all in a subspace.
 _RELAXING = 12
 
@@ -296,6 +299,12 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     about = linearised(scene, state, "modes")
     omega, rigid, ratios, roots, vectors = lowest_modes(about, about.damping("modes", damping), n)
     shapes = about.at_nodes(vectors)
+    if about.stiffness.is_plain:
+        still = shapes[:, rigid] / about.model.units.nodes[:, None]
+        turns = still[2::3] / abs(still).max(axis=0)
+        bends = [np.ptp(turns[nodes], axis=0) for nodes in about.model.mesh.nodes]
+        lost = np.max(bends, initial=0.0) > _BENT
+        warn_of_rounding(about.K, vectors[:, ~rigid], "modes: frequencies have", bool(lost))
     return modes_of(about.model, about.start.q, shapes, omega, rigid, ratios, roots)
 
 

@@ -164,3 +164,35 @@ def swinging():
 )
 def test_what_has_no_first_order_answer_is_refused(make, options, message):
     assert_refused(message, lambda: fb.static(make(), **{"linear": True} | options))
+
+
+@pytest.mark.parametrize(("slender", "warns"), [(1e-9, False), (1e-14, True)])
+def test_beams_so_thin_that_rounding_hides_their_bending_are_told(slender, warns, caplog):
+    """In first order, modes and buckling loads. Load steps know bending by its strains."""
+    section = fb.Section(EA=1.0, GA=1.0, EI=slender, rhoA=1.0)
+    scene, beam = clamped_bar((1, 0.3), section, elements=64)
+    scene.add_force(beam.end, (-2e-3 * slender, 1e-3 * slender))
+    analyses = [
+        lambda: fb.static(scene, linear=True),
+        lambda: fb.modes(scene, n=1),
+        lambda: fb.buckling(scene, n=1),
+    ]
+    for analysis in analyses:
+        caplog.clear()
+        analysis()
+        assert ("few correct digits" in caplog.text) == warns
+    length = np.hypot(1, 0.3)
+    across = np.array([-0.3, 1.0]) / length
+    force = across @ (-2e-3, 1e-3) * slender
+    deflection = fb.static(scene, load_steps=1).displacement(beam.end)[-1] @ across
+    exact = force * length**3 / 3 / slender + force * length
+    assert deflection == pytest.approx(exact, rel=2e-3)
+
+
+def test_free_beams_have_rigid_modes_without_a_word(caplog):
+    scene = fb.Scene()
+    for k in (1, 3):
+        section = fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=1.0, rhoI=1e-6)
+        scene.add_beam([(0, k), (2, k)], section, elements=8)
+    assert (fb.modes(scene, n=6).frequencies == 0).all()
+    assert not caplog.text
