@@ -325,6 +325,7 @@ def study(names, times):
                 cold = measured(name, 0, empty)["first result [s]"]
                 row = {"empty cache [s]": cold} | measured(name, 15, empty)
         else:
+            measured(name, 0)  # compiles, for which it loads more
             row = measured(name, 0)
         rows.append({"scene": name, **row})
         print(name, flush=True)
