@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_beam.errors import Failure, SceneError, StepError
+from fx_beam.errors import Failure, SceneError, StepError, shown
 from fx_beam.laws.interval import Rest
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.contact_check import warn_of_long_elements, warn_of_places, warn_of_sharp_bends
@@ -252,7 +252,9 @@ def _loads_on_nodes(
 
 
 def _check_start(options: StaticOptions, scene: Scene, start: Start) -> None:
-    """Refuse a start that does not fit the other options, and what cannot turn."""
+    """Refuse what is no start, or does not fit the other options, and what cannot turn."""
+    if not isinstance(start, Solution | Branch | None):
+        raise SceneError(f"static: start must be a Solution, or a branch, not {shown(start)}")
     if options.spin:
         check_turns(scene, "static: spin")
         if start is not None:

@@ -500,6 +500,9 @@ def test_a_start_that_does_not_fit_is_refused():
     with pytest.raises(fb.SceneError, match="start: the solution has other nodes"):
         fb.static(scene, start=fb.static(other))
     assert_refused("start must be a Solution", fb.static, scene, start=scene)
+    hanging = fb.Scene(gravity=(0, -9.81))
+    hanging.pin(hanging.add_body((1, 0), mass=1.0, inertia=0.1, points={"a": (0, 0)})["a"])
+    assert_refused("start must be a Solution", fb.static, hanging, start=scene)
     scene.add_force(beam.end, (0.0, -1.0))
     assert_refused("start with a spin", lambda: fb.static(scene, start=fb.static(scene), spin=1.0))
     assert np.isfinite(fb.static(scene).q).all()
