@@ -254,12 +254,12 @@ def _columns(solution, nodes: dict[str, Node | BeamPlace]) -> dict[str, np.ndarr
 
 def _at(solution, place: Node | BeamPlace, history: str) -> np.ndarray:
     """Position and rotation (3, n) of a node or a place, or rates of both."""
-    if isinstance(place, BeamPlace):
-        nodes, shares = place.shares
-        rows = solution.nodes_of_beam[place.beam.name][nodes]
-    else:
-        solution.position(place)  # refuses what is no node of the solution
-        rows, shares = np.array([place.number]), np.ones(1)
+    if not isinstance(place, BeamPlace):
+        if history == "v":
+            return np.vstack([solution.velocity(place).T, solution.spin(place)])
+        return np.vstack([solution.position(place).T, solution.rotation(place)])
+    nodes, shares = place.shares
+    rows = solution.nodes_of_beam[place.beam.name][nodes]
     values = np.einsum("k,nki->in", shares, getattr(solution, history)[:, rows])
     if history == "q":
         values[:2] += (shares @ solution.X[rows])[:, None]
