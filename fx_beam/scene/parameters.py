@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from fx_beam.dual import dual_array, floats
 from fx_beam.errors import SceneError, as_float, is_number, refuse_fields_in, shown
 from fx_beam.symbolic import Expr, ufl
 
@@ -188,4 +189,4 @@ def _same(a: TimeValue, b: TimeValue) -> bool:
 def _shown(value: TimeValue) -> str:
     if isinstance(value, Input):
         return str(value)
-    return "a function of time" if callable(value) else f"{as_float(value):g}"
+    return "a function of time" if callable(value) else f"{floats(dual_array(value)).item():g}"

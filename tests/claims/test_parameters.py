@@ -226,6 +226,13 @@ def test_an_input_sets_a_parameter():
     assert stepped.resultants(arm).M == pytest.approx(as_input.resultants(arm).M, abs=1e-9)
 
 
+@pytest.mark.parametrize("value", [2.5, np.array([2.5]), [2.5], (2.5,)], ids=repr)
+def test_a_value_of_any_shape_is_shown(value):
+    scene, _ = swinging(energy_of(fb.Parameter("stiffness", 1.0)))
+    scene.parameters["stiffness"] = value
+    assert str(scene.parameters) == "stiffness = 2.5"
+
+
 def test_a_force_between_points_is_a_number_or_an_input():
     scene, arm = swinging()
     by_number, by_input, by_law = (copy.copy(scene) for _ in range(3))
