@@ -275,7 +275,7 @@ class Section:
         values: list = []
         for name in names:
             datum = self._times if name == "retardation" else getattr(self, name)
-            is_triple = type(datum) is tuple
+            is_triple = isinstance(datum, tuple)
             if any(map(callable, datum)) if is_triple else callable(datum):
                 return None
             values.append([as_float(x or 0.0) for x in datum] if is_triple else datum or 0.0)

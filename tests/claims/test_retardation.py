@@ -1,5 +1,6 @@
 """Kelvin-Voigt damping of members: exact solutions, balance, all schemes, degrees and solvers."""
 
+from collections import namedtuple
 from dataclasses import replace
 
 import numpy as np
@@ -107,6 +108,14 @@ def test_statics_and_undamped_scenes_know_nothing_of_it():
         cantilever, arm = clamped_bar((1, 0), section, elements=4, load=(0.0, -100.0))
         tips.append(fb.static(cantilever, load_steps=2).displacement(arm.end)[-1])
     assert tips[1] == pytest.approx(tips[0], rel=1e-12)
+
+
+@pytest.mark.parametrize("middle", [2e-3, lambda f: 2e-3], ids=["number", "function"])
+def test_three_times_may_have_names(middle):
+    times = namedtuple("Times", ["axial", "shear", "bending"])(1e-3, middle, 3e-3)
+    section = fb.Section(EA=1.0, GA=1.0, EI=1.0, retardation=times)
+    known = None if callable(middle) else [1e-3, 2e-3, 3e-3]
+    assert section.constants(("retardation",)) == known
 
 
 def test_bad_times_are_refused():
