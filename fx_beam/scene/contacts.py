@@ -324,7 +324,7 @@ class Contact(OneSided):
             rises = all(map(is_number, values)) and as_float(values[1]) >= as_float(values[0])
             expected = "finite, and rise with the depth d"
             require(rises, f"{name}: energy(d) at d = 0 and 1e-6", values, expected)
-        self.check_impact(name)
+        self._check_impact(name)
         if isinstance(self.shape, Beam):
             radius: float | tuple[float, float] = _checked_radii(name, self.radius)
         else:

@@ -37,7 +37,7 @@ class OneSided:
         e = max(self.restitution, _LEAST)
         return (1 - e**2) / (1 + e**2)
 
-    def check_impact(self, name: str) -> None:
+    def _check_impact(self, name: str) -> None:
         """Check the fields; SceneError for losses that are out of range."""
         check_fields(self, name)
         e = self.restitution
@@ -103,7 +103,7 @@ class Stop(OneSided):
 
     def __post_init__(self):
         _refuse_functions(self, ("lower", "upper", "stiffness"), _IN_ENERGY)
-        self.check_impact("Stop")
+        self._check_impact("Stop")
         if self.lower is None and self.upper is None:
             raise SceneError("Stop: give a lower limit, an upper limit or both")
         if self.lower is not None and self.upper is not None:
