@@ -43,16 +43,19 @@ class SetUps(Generic[T]):
 
     def lease(self, kind: Hashable, bind: Callable[[T], None], make: Callable[[], T]) -> Lease[T]:
         """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
+        reason = ""
         for entry in self._waiting[::-1]:
             if entry[0] == kind and self._take(entry):
                 try:
                     bind(entry[1])
                     return Lease(self, *entry)
                 except OtherStructureError as other:
-                    return Lease(self, kind, make(), str(other))
-        is_used = any(used == kind for used, _ in [*self.leased.values()])
-        reason = "the last solution is still in use" if is_used else "the first scene"
-        return Lease(self, kind, make(), reason)
+                    reason = str(other)
+                break
+        if not reason:
+            is_used = any(used == kind for used, _ in [*self.leased.values()])
+            reason = "the last solution is still in use" if is_used else "the first scene"
+        return Lease(self, kind, make(), reason)  # whose errors have no other cause
 
     def _take(self, entry: tuple[Hashable, T]) -> bool:
         """Take out what waits; False if another thread was first."""

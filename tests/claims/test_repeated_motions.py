@@ -7,6 +7,7 @@ import pytest
 from scenes import assert_refused, pinned_bar
 
 import fx_beam as fb
+from fx_beam.scene.structure import OtherStructureError
 
 STEPS = {"dt": 0.01, "t_end": 0.1}
 NUMBERS = [(1.0, 1.0), (1.2, 0.7), (0.9, 1.3)]
@@ -200,3 +201,14 @@ def test_what_is_not_finite_in_one_motion_is_gone_in_the_next():
     before = end(0.1)
     assert_refused("not finite", end, 1e3, error=fb.StepError)
     assert np.array_equal(end(0.1), before)
+
+
+def test_an_error_in_a_scene_of_another_structure_has_no_other_cause():
+    """The last structure, which this scene does not have, is no news for its user."""
+    scene, _ = bar((1.0, 1.0), (0, 1.0))
+    fb.simulate(scene, **STEPS)
+    scene, _ = bar((1.0, 1.0), (0, 1.0))
+    scene.add_virtual_work(lambda step: ufl.dot(step.v, step.v))
+    with pytest.raises(fb.SceneError, match="linear") as caught:
+        fb.simulate(scene, **STEPS)
+    assert not isinstance(caught.value.__context__, OtherStructureError)
