@@ -52,6 +52,9 @@ _FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
 # motion, and at least relative to the time; at the time zero before the first step [s]. The largest
 # difference of its changes before and behind, relative to them; round-off of it.
 _MOMENT, _OF_TIME, _AT_ZERO, _KINK, _ROUNDING = 1e-3, 1e-9, 1e-6, 1e-3, 1e-13
+# Least step of second differences of driven motions, relative to the time: they would be round-off
+# where the last step of a motion is very short.
+_BENT = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,7 +404,8 @@ def _accelerations(
     free, mass = len(unknowns := model.reduction.independent), model.masses.matrix
     a = np.zeros(T.shape[1])
     if model.reduction.driven and state.length:  # `State.a` is that of the middle of the step
-        a[free:] = forcing.derivatives(state.t, -_MOMENT * state.length)[1]
+        h = max(_MOMENT * state.length, _BENT * abs(state.t))
+        a[free:] = forcing.derivatives(state.t, -h)[1]
     elif model.reduction.driven and state.a.any():
         unit = model.units.nodes
         scaled = T.toarray() / unit[:, None]
