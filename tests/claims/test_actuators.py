@@ -156,6 +156,23 @@ def test_the_motors_power_adds_up_to_the_work_and_to_the_energy_gained(scheme, o
         solution.joint(slide).motor_power  # noqa: B018
 
 
+def test_the_power_of_a_motor_is_known_in_the_rows_since_a_return():
+    scene, bar = one_bar((1, 0), BAR, elements=2)
+    joint = scene.add_joint(fb.Prismatic(fb.GROUND, bar.start, (1, 0), motor=fb.Input("x")))
+    motion = fb.Motion(scene, dt=1e-3, record=fb.Record())
+    speed_up = lambda t, y: {"x": 0.1 * (t + 1e-3) ** 2}  # noqa: E731
+    motion.run(0.05, speed_up)
+    snapshot = motion.snapshot()
+    motion.run(0.1, speed_up)
+    whole = motion.solution().joint(joint).motor_power
+    motion.restore(snapshot)
+    motion.run(0.1, speed_up)
+    solution = motion.solution()
+    assert len(solution.t) == 51 == solution.stats.steps + 1
+    power = solution.joint(joint).motor_power
+    np.testing.assert_allclose(power[1:], whole[51:], atol=1e-9 * abs(whole).max())
+
+
 def test_the_power_of_a_motor_on_a_slide_is_exact_and_without_its_spring(tmp_path):
     scene, bar = one_bar((1, 0), BAR, elements=2)
     laws = {"motor": lambda t: 0.1 * t**2, "spring": fb.Spring(30.0)}

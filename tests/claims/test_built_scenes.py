@@ -160,6 +160,23 @@ def test_each_frequency_has_numbers_of_its_own():
     assert seen == [1.0, 1.0, 1.0]
 
 
+@pytest.mark.parametrize("make", [fb.Response, fb.StaticResponse])
+def test_more_elements_than_before_are_set_up_anew(make):
+    def build(x):
+        section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=0.5)
+        scene, beam = clamped_bar((1, 0), section, elements=int(x[0]), gravity=(0, -9.81))
+        return scene, {"tip": fb.Output("position", beam.end)}
+
+    options = {"dt": 0.01, "t_end": 0.05} if make is fb.Response else {"load_steps": 2}
+    run = make(build, **options)
+    alone = make(build, **options)([6])[1]["tip"]
+    for elements in (4, 4, 6):
+        _, y = run([elements])
+    assert (y["tip"] == alone).all()
+    if make is fb.Response:
+        assert run.stats.setup_reason == "another number of nodes"
+
+
 def test_a_motion_of_which_something_takes_floats_is_found_without_slopes():
     """Derivatives in the first motion, then in one where a mass takes a plain number only."""
 

@@ -289,6 +289,17 @@ def test_a_load_is_changed():
     )
 
 
+def test_gravity_is_set_and_set_anew():
+    scene, ball = held_body((0, 0), mass=2.0, inertia=0.1)
+    for gravity in ((0.0, -9.81), (0.0, -9.81), [1.0, 0.0], None, np.array([0.0, -1.62])):
+        scene.gravity = gravity
+        fallen = fb.simulate(scene, dt=0.1, t_end=1.0).displacement(ball)[-1]
+        assert fallen == pytest.approx(0.5 * np.array((0, 0) if gravity is None else gravity))
+    for wrong in (-9.81, "down", (0.0, -9.81, 0.0), (0.0, np.nan)):
+        with pytest.raises(fb.SceneError, match="gravity: "):
+            scene.gravity = wrong
+
+
 def test_all_that_was_added_is_taken_away_again():
     scene, beam = cantilever()
     reference = fb.simulate(scene, dt=0.01, t_end=0.1)

@@ -129,6 +129,23 @@ def test_a_bifurcation_in_the_step_to_a_limit_point_is_located(wall, steps):
     assert 0.998 < points[0].load_factor / limit.load_factor < 0.9999
 
 
+def test_columns_that_differ_and_buckle_at_once_are_one_point():
+    """The eigenvalues cross each other where they vanish."""
+    scene = fb.Scene()
+    for x, factor in ((0, 1.0), (1, 4.0)):
+        section = fb.Section(EA=1e4 * factor, GA=4e3 * factor, EI=factor)
+        beam = scene.add_beam([(x, 0), (x, 1)], section, 4, 2)
+        scene.pin(beam.start)
+        scene.fix(beam.end, "x")
+        scene.add_force(beam.end, (0, -14.0 * factor))
+    (point,) = fb.static(scene, load_steps=4).critical_points
+    alone = fb.static(column(14.0, 4, 2, np.pi)[0], load_steps=4).critical_points[0]
+    assert len(point.modes) == 2
+    across = point.modes.shapes[:, [beam.node(0.5).number for beam in scene.beams], 0]
+    assert abs(np.linalg.det(across / abs(across).max())) > 0.1  # one mode for each column
+    assert point.load_factor == pytest.approx(alone.load_factor, rel=1e-8)
+
+
 # -- Where steps meet a point ----------------------------------------------------------------------
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import assert_refused, one_bar
+from scenes import assert_refused, clamped_bar, one_bar
 
 import fx_beam as fb
 
@@ -115,3 +115,16 @@ def test_a_massless_bar_may_sink_against_drag():
     scene.add_drag(bar, linear=2.0, rotation=1.0)
     solution = fb.simulate(scene, dt=0.1, t_end=1.0)
     assert solution.displacement(bar.end)[-1] == pytest.approx([0.0, -1.5], abs=1e-9)
+
+
+def test_statics_knows_nothing_of_drag():
+    tips = []
+    for drag in (0.0, 10.0):
+        scene, bar = clamped_bar((1, 0), SECTION, elements=1, gravity=(0, -9.81))
+        if drag:
+            scene.add_drag(bar, linear=drag)
+            scene.add_drag(bar.end, linear=drag)
+        solution = fb.static(scene, load_steps=1)
+        assert not any("drag" in name for name in solution.stats.compiled)
+        tips.append(solution.displacement(bar.end)[-1])
+    assert (tips[0] == tips[1]).all()

@@ -303,6 +303,17 @@ def test_rates_of_massless_turns_have_their_derivatives(build):
     assert_they_are_those_of_the_motion(run, x, J, h=1e-3)
 
 
+def test_rows_of_some_steps_without_motion_have_the_same_forces():
+    whole = fb.simulate(slider_crank(), dt=0.004, t_end=0.1)
+    record = fb.Record(every=4, motion=False, rates=False)
+    some = fb.simulate(slider_crank(), dt=0.004, t_end=0.1, record=record)
+    assert not some.has_motion
+    assert not some.has_rates
+    for name in KINDS[1:]:
+        rows = getattr(whole, name)[[*range(0, 25, 4), 25]]
+        assert getattr(some, name) == pytest.approx(rows, abs=1e-9), name
+
+
 def jacobian(x):
     """Of the double pendulum's accelerations, by angles and spins, by complex steps."""
     m1, j1, l1, a1, m2, j2, a2, c = 2.0, 0.1, 0.8, 0.4, 1.0, 0.05, 0.3, 0.05

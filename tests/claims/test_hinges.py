@@ -180,6 +180,21 @@ def test_no_step_fails_where_hinges_unload_that_have_flowed():
     assert balance < 1e-11 * solution.energy.dissipated[-1]
 
 
+def test_rows_are_those_of_the_steps_that_are_recorded():
+    scene, joints = swung(PLASTIC)
+    every, some = (
+        fb.simulate(scene, dt=0.02, t_end=0.8, record=fb.Record(every=n)) for n in (1, 7)
+    )
+    rows = [*range(0, 40, 7), 40]
+    flown = every.joint(joints[1]).internal("a")
+    assert (some.joint(joints[1]).internal("a") == flown[rows]).all()
+    some_rows = fb.simulate(
+        scene, tolerance=1e-3, t_end=0.8, record=fb.Record(times=[0.0, 0.33, 0.8])
+    )
+    assert abs(some_rows.energy.balance_error).max() < 1e-11 * every.energy.kinetic.max()
+    assert abs(some_rows.joint(joints[1]).internal("a")[-1] - flown[-1]) < 0.02
+
+
 # -- Refusals --------------------------------------------------------------------------------------
 
 

@@ -80,6 +80,19 @@ def test_impulses_of_all_forces_are_the_changes_of_momentum_in_halved_steps(sche
     assert_impulses_are_momenta(solution, its)
 
 
+def test_rows_of_some_steps_have_the_same_means_as_rows_of_all():
+    every, third = (
+        fb.simulate(workshop()[0], dt=DT, t_end=1.2, record=record)
+        for record in (fb.Record(), fb.Record(every=3))
+    )
+    assert third.t == pytest.approx(every.t[::3])
+    for name in ("reactions", "joint_forces", "motor_forces", "contact_forces", "a", "t_level"):
+        assert getattr(third, name) == pytest.approx(getattr(every, name)[::3], abs=1e-12), name
+    for name in every.beams:
+        N, expected = (solution.resultants(name).N for solution in (third, every))
+        assert pytest.approx(expected[::3], abs=1e-9) == N
+
+
 def test_outputs_of_a_motion_are_means_over_halved_steps():
     scene, its = workshop()
     expected = fb.simulate(scene, dt=DT, t_end=1.0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import assert_refused, clamped_bar
+from scenes import assert_refused, clamped_bar, supported_bar
 
 import fx_beam as fb
 from fx_beam.equilibria import crossings
@@ -80,6 +80,22 @@ def test_where_modes_are_unknown_there_are_no_points_but_a_warning(caplog):
     assert path.critical_points == []
     assert "stability depends on masses" in caplog.text
     assert_refused("depends on masses", lambda: path.unstable_modes, error=ValueError)
+
+
+@pytest.mark.parametrize(("load", "push"), [(1 - 7e-10, 1e-9), (1.0, 1e-8), (1 + 1e-12, 1e-9)])
+def test_an_error_names_a_bifurcation_one_step_ahead_whatever_the_rounding(load, push):
+    """Steps that are halved end one of the last steps before the bifurcation."""
+
+    def column(load):
+        scene, beam = supported_bar((0, 1), fb.Section(EA=1e4, GA=4e3, EI=1.0), 4, 2, held="x")
+        scene.add_force(beam.end, (0, -load))
+        return scene
+
+    (point,) = fb.static(column(14.0), load_steps=4).critical_points
+    scene = column(14.0 * point.load_factor * load)
+    scene.add_force(scene.beams[0].node(0.5), (push, 0))
+    with pytest.raises(fb.StepError, match=r"a bifurcation near load factor 1\. Follow"):
+        fb.static(scene, load_steps=4)
 
 
 @pytest.mark.parametrize("stiffness", [1e4, 1e10])

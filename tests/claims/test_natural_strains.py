@@ -317,6 +317,21 @@ def test_a_beam_that_follows_its_natural_strain_freely_has_no_stress_and_loses_n
         assert solution.energy.dissipated[-1] < 1e-9
 
 
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4)], ids=str)
+def test_resultants_are_those_of_the_step_whatever_is_recorded(scheme):
+    scene, beam = bar(**WAVE)
+    all_rows, some = (
+        fb.simulate(scene, scheme, dt=0.02, t_end=0.24, record=fb.Record(every=every))
+        for every in (1, 4)
+    )
+    for name in ("N", "Q", "M"):
+        every, fourth = (getattr(run.resultants(beam), name) for run in (all_rows, some))
+        np.testing.assert_allclose(every[::4], fourth, rtol=1e-9, atol=1e-9)
+    natural = all_rows.internal(beam, "natural curvature")
+    s = all_rows.resultants(beam).s
+    np.testing.assert_allclose(natural, 2 * np.sin(5 * all_rows.t[:, None] - 4 * s), atol=1e-12)
+
+
 def test_an_own_force_sees_the_natural_strains_of_the_step():
     def force(step):
         # Half of the couple of a quadratic energy, with the opposite sign.

@@ -42,6 +42,16 @@ def test_the_moment_at_a_clamp_is_the_load_times_its_arm(degree, elements):
     assert forces.at(s).M[-1] == pytest.approx(10.0 * (2.0 - s), abs=1e-9)
 
 
+def test_section_forces_are_right_where_shear_is_a_constraint():
+    scene, beam = cantilever(EA=1e4, GA=1e13)
+    scene.add_force(beam.end, (0.0, 10.0))
+    solution = fb.static(scene, linear=True)
+    ends = solution.resultants(beam).ends
+    assert ends.M[-1] == pytest.approx([20.0, 0.0], abs=1e-3)
+    assert ends.Q[-1] == pytest.approx([10.0, 10.0], rel=1e-3)
+    assert ends.N[-1] == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
 @pytest.mark.parametrize("degree", [1, 2, 3])
 @pytest.mark.parametrize("elements", [1, 3])
 def test_moments_under_a_uniform_load_are_the_parabola(degree, elements):

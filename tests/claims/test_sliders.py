@@ -2,6 +2,8 @@
 
 import re
 
+import ufl
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -302,6 +304,26 @@ def test_a_tolerance_chooses_steps_and_rows_between_them_lie_on_the_beam():
     assert solution.joint(joint).gap.max() < 1e-7
 
 
+def own_stop(x):
+    return 5e3 * ufl.max_value(x, 0) ** 3
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "limit"),
+    [
+        (fb.Sleeve, {"stop": (0.0, 5.5, 1e4)}, 5.5),
+        (fb.Slider, {"spring": fb.Spring(rest=5.0, strain_energy=own_stop)}, 5.0),
+    ],
+    ids=["stop", "spring"],
+)
+def test_stops_before_the_ends_turn_a_node_back(make, options, limit):
+    scene, joint = thrown(make, **options)
+    solution = fb.simulate(scene, dt=0.005, t_end=1.2)
+    slide = solution.joint(joint).slide
+    assert limit < slide.max() < 6.0 and slide[-1] < 5.0
+    assert_kept(solution)
+
+
 def test_a_motion_measures_slide_and_rate_and_its_linear_system_has_them():
     scene, joint = thrown()
     outputs = {name: fb.Output(name, joint) for name in ("slide", "rate", "force")}
@@ -520,6 +542,15 @@ def test_nodes_that_are_held_twice_or_not_at_all_are_refused_before_the_run(add,
     scene.add_joint(fb.Slider(rod, post.start))
     add(scene, rod, post, across)
     assert_refused(message, fb.simulate, scene, dt=0.01, t_end=0.01)
+
+
+def test_velocities_that_leave_the_beam_are_refused():
+    scene, rod, post, *_ = crossed()
+    scene.add_joint(fb.Slider(rod, post.start))
+    scene.add_mass(post.end, 1.0, 0.1)
+    scene.set_velocity(post, (2.0, 0.5))
+    with pytest.raises(fb.SceneError, match="joint 0, Slider .* separate at 0.5 m/s"):
+        fb.simulate(scene, dt=0.01, t_end=0.01)
 
 
 @pytest.mark.parametrize("degree", [1, 3])

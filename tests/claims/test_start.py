@@ -67,6 +67,18 @@ def test_parts_of_steps_go_on_as_if_the_motion_had_not_ended(scheme, tmp_path):
     assert substeps == whole.stats.substeps
 
 
+def test_another_scheme_finds_its_accelerations_anew():
+    scene, beam = pinned_beam(4)
+    options = {"dt": 0.0005, "newton": fb.NewtonOptions(tolerance=1e-12)}
+    first = fb.simulate(scene, dt=0.0005, t_end=0.05)
+    second = fb.simulate(scene, fb.Newmark(), t_end=0.1, start=first, **options)
+    whole = fb.simulate(scene, fb.Newmark(), t_end=0.1, **options)
+    assert second.position(beam.end)[-1] == pytest.approx(whole.position(beam.end)[-1], abs=0.1)
+    # Not the mean over the last step of the mid-point scheme, but what balances the forces.
+    close = whole.acceleration(beam.end)[100]
+    assert np.hypot(*(second.acceleration(beam.end)[0] - close)) < 0.02 * np.hypot(*close)
+
+
 # -- Other steps, schemes, loads -------------------------------------------------------------------
 
 
