@@ -22,7 +22,8 @@ from time import perf_counter, process_time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.step import stepper, tables
+from fx_beam.motions.set_ups import RECENT
+from fx_beam.step import stepper, tangent_storage
 from fx_beam.step.lu_layout import COSTS
 
 SECTION = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
@@ -113,18 +114,23 @@ def measure(sizes):
         print(f"  ten modes {process_time() - clock:.1f}", flush=True)
 
 
+def choose(costs):
+    """Take these costs in the set-ups that follow, of which no earlier one serves again."""
+    tangent_storage.COSTS, RECENT.size = costs, 0
+
+
 def compare_turning(cells=60, dt=0.01, steps=15):
     """Steps of a free lattice with kept factors, and with new ones in each iteration."""
     for turn in (0.001, 0.05, 0.2):
         times = []
         for least in (COSTS.least_worth, sys.maxsize):
-            tables.COSTS = COSTS._replace(least_worth=least)
+            choose(COSTS._replace(least_worth=least))
             scene = turning(cells, turn / dt)
             record = fb.Record(every=steps)
             stats = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record).stats
             times.append(f"{1e3 * stats.seconds / stats.steps:.1f}")
         print(f"{turn:g} rad a step: {times[0]} ms kept, {times[1]} ms new", flush=True)
-    tables.COSTS = COSTS
+    choose(COSTS)
 
 
 def middle_frames():
@@ -146,12 +152,12 @@ def compare_storage(runs=5, steps=20, dt=0.01):
     forced = {"band": COSTS._replace(narrow=sys.maxsize), "sparse": sparse}
     stepper.Stepper.advance = timed(stepper.Stepper.advance, seconds)
     for name, scene in middle_frames().items():
-        tables.COSTS = COSTS
+        choose(COSTS)
         stats = fb.simulate(scene, dt=dt, t_end=dt).stats
         chosen = "sparse" if "sparse" in stats.solver else "band"
         step_times = {storage: [] for storage in forced}
         for storage in [*forced] * runs:
-            tables.COSTS = forced[storage]
+            choose(forced[storage])
             seconds.clear()
             fb.simulate(scene, dt=dt, t_end=steps * dt, record=record)
             step_times[storage].append(1e3 * sum(seconds) / steps)

@@ -140,6 +140,22 @@ def test_what_slides_is_in_balance(made, scheme):
         assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
 
 
+def test_a_rigid_carriage_on_two_wheels_closes_a_loop_and_keeps_energy_and_momenta():
+    scene = fb.Scene()
+    rod = scene.add_beam(SHAPES["straight"], SOFT, elements=12)
+    points = {"left": (3, 0), "right": (3.6, 0)}
+    body = scene.add_body((3.3, 0.2), 1.0, 0.1, points=points)
+    wheels = [scene.add_joint(fb.Slider(rod, body[name])) for name in points]
+    scene.set_velocity(body, (2.0, 0.0))
+    scene.set_velocity(rod, lambda x, y: (0.0, 0.3 * (x - 3)), spin=0.3)
+    scene.make_velocities_compatible()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.3)
+    assert_kept(solution)
+    assert max(solution.joint(wheel).gap.max() for wheel in wheels) < 1e-12
+    rear, front = (solution.joint(wheel).slide for wheel in wheels)
+    assert rear[-1] > 3.3 and np.ptp(front - rear) > 1e-6
+
+
 # -- References --------------------------------------------------------------------------------
 
 

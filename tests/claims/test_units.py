@@ -226,6 +226,19 @@ def test_powers_of_two_change_nothing(name, run, units):
         assert abs(computed - expected).max(initial=0.0) <= most
 
 
+def test_forces_that_close_loops_are_the_same_in_all_units():
+    def forces_in(u):
+        solution = fb.simulate(loops_with_slides(u), dt=5e-3 / u.time, t_end=0.1 / u.time)
+        forces = solution.joint_forces[1:] * [u.force, u.force, u.energy]
+        return forces, solution.stats.newton_iterations
+
+    expected, iterations = forces_in(SI)
+    for u in (*UNITS.values(), Units(1e-3, 1.0, 1.0), Units(force=1e-3)):
+        forces, as_many = forces_in(u)
+        assert abs(forces - expected).max() < 1e-8 * abs(expected).max()
+        assert as_many == pytest.approx(iterations, abs=1)  # but for round-off
+
+
 def test_a_sleeve_on_a_beam_without_rotary_inertia_has_the_same_rates_and_forces_in_all_units():
     """A body beside a beam carries an arm. The force of a step has the change of the rates."""
 
