@@ -18,12 +18,10 @@ ROWS = [line for line in PAGE.splitlines() if line.startswith("| ") and "|---" n
 
 def looked_up(demo, path):
     """A number of a demo by the keys that lead to it."""
-    demo_numbers = numbers(demo)
+    value = numbers(demo)
     for key in path.split(" > "):
-        demo_numbers = (
-            demo_numbers[int(key)] if isinstance(demo_numbers, list) else demo_numbers[key]
-        )
-    return demo_numbers
+        value = value[int(key)] if isinstance(value, list) else value[key]
+    return value
 
 
 def last_digit(printed):

@@ -19,9 +19,9 @@ def test_arrays_and_numbers_come_back_as_they_were_from_strict_json(tmp_path):
     numbers = {"array": np.eye(2), "one": np.float64(0.1), "count": np.int64(3), 8: (True, None)}
     numbers |= {"x": [np.nan, np.inf, -np.inf], "y": np.array([np.inf])}
     reporting.write_json(tmp_path / "new" / "directory" / "reporting.json", numbers)
-    computed = {"array": [[1, 0], [0, 1]], "one": 0.1, "count": 3, "8": [True, None]}
-    computed |= {"x": [None, "inf", "-inf"], "y": ["inf"]}
-    assert strict(tmp_path / "new" / "directory" / "reporting.json") == computed
+    expected = {"array": [[1, 0], [0, 1]], "one": 0.1, "count": 3, "8": [True, None]}
+    expected |= {"x": [None, "inf", "-inf"], "y": ["inf"]}
+    assert strict(tmp_path / "new" / "directory" / "reporting.json") == expected
 
 
 def test_a_table_is_markdown_whose_columns_line_up():

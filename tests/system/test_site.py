@@ -129,8 +129,8 @@ def test_a_page_of_the_gallery_has_all_code_of_its_demo(extension):
     for demo in (pages.ROOT / "demos").glob("*.py"):
         pieces = extension("scripts").pieces(pages.text(demo))
         code = "\n".join("\n".join(code) for _, code in pieces)
-        for tree in (computed := ast.parse(code), wanted := ast.parse(pages.text(demo))):
+        for tree in (joined := ast.parse(code), wanted := ast.parse(pages.text(demo))):
             for node in ast.walk(tree):
                 if isinstance(node, (ast.Module, ast.FunctionDef)) and ast.get_docstring(node):
                     node.body = node.body[1:]
-        assert ast.dump(computed) == ast.dump(wanted), demo
+        assert ast.dump(joined) == ast.dump(wanted), demo
