@@ -87,6 +87,7 @@ class StepFields:
     natural1: Expr = None
 
 
+@dataclass(frozen=True)
 class Step(StepFields):
     """The fields of one time step, as UFL expressions on the mesh.
 

@@ -1,7 +1,7 @@
 """Orders of convergence, and relations between the schemes."""
 
 import functools
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -216,3 +216,10 @@ def test_a_scheme_is_shown_as_it_is_typed(scheme):
 def test_a_scheme_that_was_changed_is_shown_as_what_it_is():
     changed = replace(fb.MidPoint(), name="mine", rates=fb.Newmark().rates)
     assert repr(changed).startswith("Scheme('mine', at_mid_step, NewmarkRates(")
+
+
+def test_nothing_is_set_on_a_step():
+    step = fb.Step(*range(16))
+    for name in ("load_factor", "loadfactor"):
+        with pytest.raises(FrozenInstanceError):
+            setattr(step, name, 2.0)
