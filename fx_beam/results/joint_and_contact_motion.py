@@ -128,7 +128,7 @@ class JointMotion(_PartMotion):
 
         The sum of power times step length is the motor's work, to second order in the step; of an
         `Input`, whose rate jumps from step to step, to first order. The work in `Solution.energy`
-        is exact. A row for every step is required.
+        is exact. A row for every step is required; ValueError without, and in statics.
         """
         place = self.slide if "slide" in self.joint.driven else self.angle
         return self._mean_power("motor_power", self._mean_force(self.motor_force) * np.diff(place))
@@ -277,7 +277,7 @@ class PullMotion(_PartMotion):
         The pull times the change of the length: what its springs store and its dampers, friction
         and stops lose, less what an additional force gives. Their sum over the steps is exact by
         `EnergyMomentum`, else to second order. Of a bed it is that of all nodes, which is stored. A
-        row for every step is required.
+        row for every step is required; ValueError without, and in statics.
         """
         length = self.length
         is_bed = length.ndim > 1

@@ -152,8 +152,8 @@ class Output:
 
     def __post_init__(self):
         ok = isinstance(self.of, (*_OF_CLASSES,)) or is_gear(self.of)
-        expected = "a node, a place, a joint, "
-        require(ok, "Output: of", self.of, f"{expected}a rope, a contact, a scene or a beam")
+        expected = "a node, a place, a joint, a rope, a contact, a scene or a beam"
+        require(ok, "Output: of", self.of, expected)
         known = self._known
         expected = f"one of {list(known)} for {self._place}"
         require(is_one_of(self.quantity, known), "Output: quantity", self.quantity, expected)

@@ -238,7 +238,7 @@ class Scene:
         from .eccentric import shifted
 
         axis = shifted(line, offset, name)
-        carriers, nodes = (self._nodes_at(x.ends, f"beam {name!r}") for x in (line, axis))
+        carriers, nodes = (self._nodes_at(path.ends, f"beam {name!r}") for path in (line, axis))
         for a, b in zip(carriers, nodes, strict=True):
             self._numbered(Rigid(a, b, offset=(b.x - a.x, b.y - a.y)))
         fractions = line.s / line.s[-1]

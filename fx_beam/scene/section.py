@@ -90,9 +90,10 @@ def _constructor(
 
     def made_of(documented: Callable) -> Callable[..., Section]:
         own = [*inspect.signature(documented).parameters.values()]
-        material = [*inspect.signature(_data_of_material).parameters.values()][2:]
-        material[3] = material[3].replace(default=shear_factor)
-        signature = inspect.Signature([*own, *material], return_annotation="Section")
+        material = dict(inspect.signature(_data_of_material).parameters)
+        del material["A"], material["J"]
+        material["shear_factor"] = material["shear_factor"].replace(default=shear_factor)
+        signature = inspect.Signature([*own, *material.values()], return_annotation="Section")
 
         @functools.wraps(documented)
         def constructed(*values, **named) -> Section:

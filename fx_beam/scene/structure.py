@@ -141,8 +141,8 @@ def _form(value: object, known_forms: dict[int, _Form]) -> object:
             ]
             for name in numbers:
                 number = values[name]
-                is_one = type(number) in _SCALARS or callable(number)
-                parts.append(() if is_one else _form_of_number(number))
+                is_scalar = type(number) in _SCALARS or callable(number)
+                parts.append(() if is_scalar else _form_of_number(number))
             form = known_forms[id(value)] = _Form((kind, *parts))
         return form
     if isinstance(value, list | tuple):
