@@ -6,7 +6,7 @@ import copy
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 
@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from .symbols import Parameter
 
 _Part = TypeVar("_Part")
-_Joint = TypeVar("_Joint", Joint, "Gear")
 _Force = TypeVar("_Force", bound=ForceBetween)
 _Load = TypeVar("_Load", loads.Load, loads.VirtualWork, NaturalStrain)
 
@@ -470,7 +469,13 @@ class Scene:
             function = time_function(value, 1, f"prescribed {name} of {node}")
             self.prescribed[_free_component(self, node, name)] = function
 
-    def add_joint(self, joint: _Joint, at: object = None) -> _Joint:
+    @overload
+    def add_joint(self, joint: Joint, at: object = None) -> Joint: ...
+
+    @overload
+    def add_joint(self, joint: Gear, at: object = None) -> Gear: ...
+
+    def add_joint(self, joint: Joint | Gear, at: object = None) -> Joint | Gear:
         """Add a joint, or a gear or rack between two joints.
 
         Parameters
