@@ -133,10 +133,10 @@ def elastica(places):
 
         def missing(unknown, place=place):
             moment, tip = limb(unknown)
-            force, arrow = unknown[1:], np.array([place, 0.0]) - tip
+            force, string = unknown[1:], np.array([place, 0.0]) - tip
             length = HALF_STRING * (1 + np.hypot(*force) / STRING_EA)
-            across = arrow[0] * force[1] - arrow[1] * force[0]
-            return moment / 100, across / 100, np.hypot(*arrow) - length
+            across = string[0] * force[1] - string[1] * force[0]
+            return moment / 100, across / 100, np.hypot(*string) - length
 
         guess = fsolve(missing, guess, xtol=1e-12)
         roots.append((-2 * guess[1], np.hypot(*guess[1:])))

@@ -147,7 +147,7 @@ def draw(results, motion, hoist, load, motor, rope):
     from shared import thumbnail
 
     plot.scene(hoist, results / "scene.png")
-    drum, lower, upper_one, two, upper_two, end = (rope.points[i] for i in (0, 2, 1, 4, 3, 5))
+    drum, upper_one, lower_one, upper_two, lower_two, end = rope.points
 
     def moving(k):
         places = np.array([motion.position(node)[k] for node in rope.points])
@@ -161,7 +161,7 @@ def draw(results, motion, hoist, load, motor, rope):
         )
 
     frame = next(body for body in hoist.bodies if body.name == "frame").centre
-    bodies = [(lower, load.centre, two), (upper_one, frame, upper_two, frame, end)]
+    bodies = [(lower_one, load.centre, lower_two), (upper_one, frame, upper_two, frame, end)]
     rows = range(0, round(TIME / DT), 60)
     thumbnail.animate(motion, rows, results / "thumbnail.gif", moving=moving, bodies=bodies)
     figure, ((height, pull),) = plot.figure(1, 2)
