@@ -114,7 +114,7 @@ class Mass:
 
         The same arrays as in the last call if nothing differs.
         """
-        sections = distinct([beam.section for beam in scene.beams])
+        sections = [beam.section for beam in scene.beams]  # which beams may share in other ways
         pairs = [*[(section.rhoA, section.rhoI) for section in sections], *scene.masses]
         gravity, last = scene.gravity, self._inputs
         plain = {type(number) for pair in pairs for number in pair} <= {float, int}

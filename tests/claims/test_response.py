@@ -408,6 +408,18 @@ def test_a_scene_of_a_known_structure_takes_few_calls():
     assert calls_of(run, 1.3 * x) - calls_of(build, x) < 345
 
 
+def test_beams_that_share_their_sections_in_another_way_have_their_own_masses():
+    def momentum(*numbers):
+        sections = [fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0 + i, rhoI=0.1) for i in range(2)]
+        scene, node = fb.Scene(gravity=(0.0, -9.81)), (0.0, 0.0)
+        for i, number in enumerate(numbers, start=1):
+            node = scene.add_beam([node, (float(i), 0.0)], sections[number]).end
+        return fb.simulate(scene, dt=0.01, t_end=0.1).linear_momentum[-1, 1]
+
+    for numbers in ((0, 1, 0), (0, 1, 1), (0, 0, 1)):
+        assert momentum(*numbers) == pytest.approx(-0.981 * (3 + sum(numbers)), rel=1e-9)
+
+
 def test_other_outputs_than_before_are_refused():
     def build(x):
         scene, outputs = pendulum([1, 1, 0])
