@@ -108,9 +108,11 @@ class Mesh:
         if self.curved or DualFloat not in {*map(type, columns[0]), *map(type, columns[1])}:
             if self.elements.shape[1] > 2:
                 return _positions(scene, *columns)
-            if columns != self._columns[0]:
-                self._columns = columns, _positions(scene, *columns)
-            return self._columns[1]
+            last_columns, X = self._columns
+            if columns != last_columns:
+                X = _positions(scene, *columns)
+                self._columns = columns, X
+            return X
         points = [dual_array([*zip(*columns, strict=True)])]
         points += [inner_positions(beam) for beam in scene.beams if beam.degree > 1]
         return np.concatenate(points)

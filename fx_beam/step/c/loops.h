@@ -157,8 +157,8 @@ static double choose_in_block(const Problem *p, const Work *w, int begin, int m,
     int column = -1;
     for (int k = p->loops.start[begin + i]; k < p->loops.start[begin + i + 1]; ++k) {
       int near = p->loops.near[k];
+      if (p->loops.column[near] >= p->free) continue; /* and has no unit */
       double number = w->G[k] * p->loops.unit[near];
-      if (p->loops.column[near] >= p->free) continue;
       *entry_of(row, near) = number, most = fmax(most, fabs(number) * length);
     }
     for (int before = -1, k; (k = next_pivot(row, w->follows, before)) >= 0; before = k) {

@@ -10,7 +10,7 @@ typedef void Law(double *, const double *, const double *, const double *, const
 enum { CONTACT_POINT_DOFS = 10, MOST_SUMS = 6, CONTACT_POINT_GIVEN = 64, CONTACT_POINT_RESULTS = 96 };
 /* Memory of friction: at most so many contact points of a point; of each its place on the member, counted from 1,
    and the two internal variables of its law. */
-enum { SLOTS = 2, IN_SLOT = 3 };
+enum { SLOTS = 2, SLOT_WIDTH = 3 };
 
 /* Points, which are nodes, against a member. */
 typedef struct {

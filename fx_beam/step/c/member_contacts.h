@@ -148,7 +148,7 @@ static double *number_of(const MemberContact *c, int point) { return c->number +
 
 /* Where the internal variables, what is of places, and the numbers of a point are among what its law is given. */
 static inline int internal_at(const MemberContact *c) { return 3 * c->sums + 2; }
-static inline int stretch_in_slot(const MemberContacts *m, int slot) { return m->first_internal + IN_SLOT * slot + 1; }
+static inline int stretch_in_slot(const MemberContacts *m, int slot) { return m->first_internal + SLOT_WIDTH * slot + 1; }
 static inline int places_at(const MemberContact *c) { return internal_at(c) + c->internal + c->iteration_memory; }
 static inline int numbers_at(const MemberContact *c) { return places_at(c) + (c->internal ? 5 : 2); }
 
@@ -158,7 +158,7 @@ static int slot_of(MemberContacts *m, const ContactPoint *e) {
   int first = c->first_slot + SLOTS * e->point, best = -1;
   double least = 2, place = e->piece + e->first.place + 1;
   for (int k = first; k < first + SLOTS; ++k) {
-    double known = m->memory[IN_SLOT * k], way = c->turn ? remainder(known - place, c->turn) : known - place;
+    double known = m->memory[SLOT_WIDTH * k], way = c->turn ? remainder(known - place, c->turn) : known - place;
     double away = known > 0 ? fabs(way) : 1.99;
     if (!m->has_slot[k] && away < least) best = k, least = away;
   }
@@ -227,7 +227,7 @@ static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, do
   memcpy(numbers, number_of(c, e->point), c->numbers * sizeof(double));
   if (e->slot >= 0) {
     m->has_slot[e->slot] = 1;
-    memcpy(to + 2, m->memory + IN_SLOT * e->slot + 1, c->internal * sizeof(double));
+    memcpy(to + 2, m->memory + SLOT_WIDTH * e->slot + 1, c->internal * sizeof(double));
   } else if (c->internal) numbers[c->numbers - 2] = 0; /* no friction */
 }
 
@@ -245,7 +245,7 @@ static void begin_members(MemberContacts *m, const double *q, const double *v, d
   }
   if (v) memcpy(m->v, v, m->dofs * sizeof(double));
   memset(m->has_slot, 0, m->slots * sizeof(int));
-  if (m->slots) memcpy(m->memory, internal + m->first_internal, IN_SLOT * m->slots * sizeof(double));
+  if (m->slots) memcpy(m->memory, internal + m->first_internal, SLOT_WIDTH * m->slots * sizeof(double));
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) begin_contact_point(m, e, t, dt);
 }
 
@@ -405,7 +405,7 @@ static void add_energy_in_slots(const MemberContacts *m, Energy *to, const doubl
   for (int i = 0; i < m->contacts; ++i)
     for (int k = 0; m->of[i].internal && k < SLOTS * m->of[i].points; ++k) {
       const MemberContact *c = m->of + i;
-      int slot = c->first_slot + k, first = IN_SLOT * slot + 1, point = k / SLOTS;
+      int slot = c->first_slot + k, first = SLOT_WIDTH * slot + 1, point = k / SLOTS;
       if (memory[first] == 0 || (left && m->has_slot[slot])) continue;
       add_energy_at(m, to, i, point, 2 * *number_of(c, point) + 1, memory + first, slopes);
       for (int l = 0; to->by && l < c->internal; ++l)
@@ -429,13 +429,13 @@ static double lost_at_members(MemberContacts *m, const double *D) {
 /* Internal variables at the end of a step. */
 static void evolve_members(MemberContacts *m, const double *D, double *internal) {
   double *memory = internal + m->first_internal;
-  if (m->slots) memset(memory, 0, IN_SLOT * m->slots * sizeof(double));
+  if (m->slots) memset(memory, 0, SLOT_WIDTH * m->slots * sizeof(double));
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
     if (!c->internal || e->slot < 0 || !move_contact_point(m, e, D)) continue;
     find_force(c, e);
-    memory[IN_SLOT * e->slot] = e->piece + e->end + 1;
-    memcpy(memory + IN_SLOT * e->slot + 1, e->results + c->sums + c->entries, c->internal * sizeof(double));
+    memory[SLOT_WIDTH * e->slot] = e->piece + e->end + 1;
+    memcpy(memory + SLOT_WIDTH * e->slot + 1, e->results + c->sums + c->entries, c->internal * sizeof(double));
   }
 }
 

@@ -53,7 +53,7 @@ static void put_members(Block *b, const Problem *p, const Derivatives *a, const 
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
     int n = c->sums, wide = followed_by(c), variables = e->slot < 0 ? -1 : stretch_in_slot(m, e->slot);
-    double slopes[(2 * MOST_SUMS + IN_SLOT) * MOST_FOLLOWED];
+    double slopes[(2 * MOST_SUMS + SLOT_WIDTH) * MOST_FOLLOWED];
     if (!e->closed) continue;
     call(c->slopes, e->given, slopes, (n + c->internal) * wide);
     const Reversal *reversal = variables < 0 ? 0 : reversal_at(a, step, variables);

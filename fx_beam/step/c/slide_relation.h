@@ -208,11 +208,11 @@ static void find_second(const Slider *a, Second *h) {
     }
   }
   if (!o->turned) return;
-  double y_s = product_of(n, mean_s, o->half), y_c_s = product_of(n, last->by[1], o->x[1][2]) / 2, y_slopes = 0, total_s = 0;
+  double y_s = product_of(n, mean_s, o->half), y_c_s = product_of(n, last->by[1], o->x[1][2]) / 2, y_slope = 0, total_s = 0;
   double part_s[WINDOW_NODES], total_share = F[2] / o->total;
   for (int k = 0; k < n; ++k) {
     part_s[k] = mean_s[k] * o->per_mean[k] + o->y_slopes[k] * y_s;
-    total_s += part_s[k], y_slopes += o->y_slopes[k];
+    total_s += part_s[k], y_slope += o->y_slopes[k];
   }
   for (int k = 0; k < n; ++k) {
     double share = a->virtual_map[2][turn + k], y_by = o->mean[k] / 2;
@@ -220,7 +220,7 @@ static void find_second(const Slider *a, Second *h) {
     h->arc_slopes[turn + k] = total_share * (part_s[k] - share * total_s);
     h->turn[turn + k] = total_share * o->half_slopes[k] / 2;
     h->left[2][turn + k] = o->y_slopes[k], h->right[2][turn + k] = total_share * y_by;
-    h->left[3][turn + k] = share, h->right[3][turn + k] = -total_share * (o->half_slopes[k] / 2 + y_slopes * y_by);
+    h->left[3][turn + k] = share, h->right[3][turn + k] = -total_share * (o->half_slopes[k] / 2 + y_slope * y_by);
   }
   h->square += F[2] * (o->turn_slopes[0] * axis_s[2] + o->turn_slopes[1] * y_c_s + o->turn_slopes[2] * y_s);
 }
