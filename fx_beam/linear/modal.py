@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -300,12 +301,23 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     omega, rigid, ratios, roots, vectors = lowest_modes(about, about.damping("modes", damping), n)
     shapes = about.at_nodes(vectors)
     if about.stiffness.is_plain:
-        still = shapes[:, rigid] / about.model.units.nodes[:, None]
-        turns = still[2::3] / abs(still).max(axis=0)
-        bends = [np.ptp(turns[nodes], axis=0) for nodes in about.model.mesh.nodes]
-        lost = np.max(bends, initial=0.0) > _BENT
-        warn_of_rounding(about.K, vectors[:, ~rigid], "modes: frequencies have", bool(lost))
+        lost = _bends(about, shapes[:, rigid])
+        if lost and state is not None:  # as it is at a critical load, too
+            lost = False
+            with suppress(SceneError):
+                reference = linearised(scene, None, "modes")
+                _, rigid_there, vectors_there = reference.undamped_modes.lowest(n)
+                lost = _bends(reference, reference.at_nodes(vectors_there[:, rigid_there]))
+        warn_of_rounding(about.K, vectors[:, ~rigid], "modes: frequencies have", lost)
     return modes_of(about.model, about.start.q, shapes, omega, rigid, ratios, roots)
+
+
+def _bends(about: Linearisation, shapes: np.ndarray) -> bool:
+    """Whether a beam bends in one of the shapes (size, n)."""
+    motions = shapes / about.model.units.nodes[:, None]
+    turns = motions[2::3] / abs(motions).max(axis=0)
+    bends = [np.ptp(turns[nodes], axis=0) for nodes in about.model.mesh.nodes]
+    return bool(np.max(bends, initial=0.0) > _BENT)
 
 
 def lowest_modes(about: Linearisation, C: Extended | None, n: int):

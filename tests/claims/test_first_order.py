@@ -189,6 +189,20 @@ def test_beams_so_thin_that_rounding_hides_their_bending_are_told(slender, warns
     assert deflection == pytest.approx(exact, rel=2e-3)
 
 
+@pytest.mark.parametrize(("slender", "warns"), [(1.0, False), (1e-14, True)])
+def test_a_mode_of_a_column_under_its_critical_load_is_not_lost_in_rounding(slender, warns, caplog):
+    """It bends without any stiffness, as one does that rounding hides in the reference, too."""
+    section = fb.Section(EA=1e8, GA=1e8, EI=slender, rhoA=1.0, rhoI=1e-3)
+    scene, beam = clamped_bar((1, 0), section, elements=10)
+    load = scene.add_force(beam.end, (-1.0, 0))
+    critical = float(fb.buckling(scene, n=1).load_factors[0]) if slender == 1.0 else 0.0
+    scene.change(load, (-critical, 0.0))
+    state = fb.static(scene)
+    caplog.clear()
+    assert fb.modes(scene, state, n=2).frequencies[0] == 0
+    assert ("few correct digits" in caplog.text) == warns
+
+
 def test_free_beams_have_rigid_modes_without_a_word(caplog):
     scene = fb.Scene()
     for k in (1, 3):
