@@ -127,7 +127,7 @@ class HarmonicResponse(OfParameters):
 
     def __init__(
         self,
-        build: Callable[[np.ndarray], tuple],
+        build: Callable[..., tuple],
         frequencies: Sequence[float],
         *,
         state: Callable[[Scene], Solution] | None = None,
@@ -153,7 +153,7 @@ class HarmonicResponse(OfParameters):
         return built[0], built[1:]
 
     @one_call
-    def __call__(self, x: Sequence[float]) -> np.ndarray:
+    def __call__(self, x: ArrayLike) -> np.ndarray:
         """Compute the vibrations of the scene of some numbers.
 
         Parameters
@@ -314,7 +314,7 @@ class HarmonicResponse(OfParameters):
         left, node_weights = weights @ adjoints, weights @ self._measured.node_rows
         owner, w = np.arange(len(left)).repeat(left.shape[1]), 2 * np.pi * frequencies
         node_weights = np.broadcast_to(node_weights, (*left.shape[:2], node_weights.shape[2]))
-        grows = self._base is not None
+        has_base = self._base is not None
         return Pairs(
             right=motions,
             left=left.reshape(len(owner), -1),
@@ -323,9 +323,9 @@ class HarmonicResponse(OfParameters):
             damping=-1j * w[owner],
             mass=w[owner] ** 2,
             times=1 / np.where(w > 0, w, 1.0),
-            left_forces=np.multiply.outer(w[owner] ** 2, self._force) if grows else self._force,
+            left_forces=np.multiply.outer(w[owner] ** 2, self._force) if has_base else self._force,
             right_forces=node_weights.reshape(len(owner), -1),
-            base=self._moved if grows else None,
+            base=self._moved if has_base else None,
         )
 
     def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
 from fx_beam.errors import SceneError, array_of, check_takes, is_flag, is_whole, require
@@ -120,7 +121,7 @@ class ModalResponse(OfParameters):
 
     def __init__(
         self,
-        build: Callable[[np.ndarray], Scene],
+        build: Callable[..., Scene],
         n: int = 6,
         *,
         state: Callable[[Scene], Solution] | None = None,
@@ -143,7 +144,7 @@ class ModalResponse(OfParameters):
     modes: Modes
 
     @one_call
-    def __call__(self, x: Sequence[float]) -> np.ndarray:
+    def __call__(self, x: ArrayLike) -> np.ndarray:
         """Compute the modes of the scene of some numbers.
 
         Parameters

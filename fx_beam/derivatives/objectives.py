@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Protocol
 
@@ -19,7 +19,7 @@ Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, n
 
 
 class _Run(Protocol):
-    def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]: ...
+    def __call__(self, x: ArrayLike) -> tuple[np.ndarray, dict[str, np.ndarray]]: ...
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray: ...
     def jacobian(self, *names: str) -> dict[str, np.ndarray]: ...
 
@@ -43,7 +43,7 @@ class Objective(_OfRun):
         self._run, self._shared, self._function = run, shared, function
 
     @one_thread
-    def __call__(self, x: Sequence[float]) -> tuple[float, np.ndarray]:
+    def __call__(self, x: ArrayLike) -> tuple[float, np.ndarray]:
         """The value, and its derivatives (m,) by x."""
         result = self._function(*self._run(x))
         ok = isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], Mapping)
@@ -101,7 +101,7 @@ class Misfit(_OfRun):
         self._x = np.empty(0)
 
     @one_thread
-    def __call__(self, x: Sequence[float]) -> np.ndarray:
+    def __call__(self, x: ArrayLike) -> np.ndarray:
         """Deviations (n,); zero where nothing was measured, which is NaN."""
         (_, y), parts = self._run(x), list[np.ndarray]()
         for name, rows in self._measured.items():
@@ -114,7 +114,7 @@ class Misfit(_OfRun):
         return np.concatenate(parts)
 
     @one_thread
-    def jacobian(self, x: Sequence[float]) -> np.ndarray:
+    def jacobian(self, x: ArrayLike) -> np.ndarray:
         """Derivatives (n, m) of deviations by x; without a motion if the last one was that of x."""
         if self._x is not self._shared().x or not np.array_equal(self._x, x):
             self(x)

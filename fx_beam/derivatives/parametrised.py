@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from threading import RLock
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.dual import Dual
 from fx_beam.errors import all_of, real_array, require
@@ -69,7 +70,7 @@ class Parametrised(Generic[_Besides]):
         self.stats: Stats
         self.scenes = BuiltScenes(lambda x: self.at(x)[0])
 
-    def begin(self, x: Sequence[float]) -> np.ndarray:
+    def begin(self, x: ArrayLike) -> np.ndarray:
         """The parameters of a call, which are checked; there are none until it succeeds."""
         self.x = np.empty(0)
         values = real_array(x)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require, shown
 from fx_beam.laws.schemes import Scheme
@@ -193,7 +194,7 @@ class Response(OfParameters):
         return scene, outputs
 
     @one_call
-    def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def __call__(self, x: ArrayLike) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Run the scene of some parameters.
 
         Parameters

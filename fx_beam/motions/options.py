@@ -36,8 +36,8 @@ _SHORTEST = 1e-10
 # Largest step by default, relative to the whole time.
 _LONGEST = 0.1
 
-#: A function of the time and of outputs by name.
-Condition = Callable[[float, dict[str, np.ndarray]], object]
+#: A function of the time and of outputs by name, which are arrays or numbers.
+Condition = Callable[[float, dict[str, Any]], object]
 #: Largest number of steps; their times alone take 0.8 GB.
 MOST_STEPS = 1e8
 _CONDITIONS = "a function of time and outputs, or a dictionary of such functions by names"

@@ -39,12 +39,12 @@ class Prepared:
         #: Number of degrees of freedom.
         self.size = model.size
         self.turn_counter = TurnCounter(model)
-        self._begin_stats()
-        #: The compiled loop, and what takes its steps.
+        self._begin_run()
+        #: The compiled loop.
         self.loop = CompiledLoop(self.forcing, options.newton, self.stats)
         self._begin_steps(options)
 
-    def _begin_stats(self) -> None:
+    def _begin_run(self) -> None:
         damping = self.model.data.forms.friction_damping
         self.stats = stats_of(self.model, solver="", friction_damping=damping)
         #: Dead loads and driven motions.
@@ -54,6 +54,7 @@ class Prepared:
         #: What was asked for when the scene was prepared.
         self.options = options
         dt = options.dt if options.tolerance is None else None
+        #: What takes the steps of the loop.
         self.stepper = Stepper(self.loop, Halving(options.max_halvings, dt))
 
     def bind(self, scene: Scene, options: Options | None = None) -> None:
@@ -70,7 +71,7 @@ class Prepared:
                 raise OtherStructureError("another scheme, or other options")
         bind(self.model, scene)
         self.turn_counter.removed[:] = 0.0
-        self._begin_stats()
+        self._begin_run()
         self.loop.bind(self.forcing, self.stats)
         self._begin_steps(options or self.options)
 
