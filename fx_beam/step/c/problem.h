@@ -153,7 +153,7 @@ typedef struct {
    is a sum of entries of T, and of arms. */
 typedef struct { int count, entries, arms; int *of, *column, *value, *arm_of, *arm; double *sign; } Auxiliary;
 
-/* Nodes that slide on beams, and numbers of their paths (path.py). */
+/* Nodes that slide on beams, and numbers of their paths (scene/beam_axis.py). */
 typedef struct { int count, path_numbers; Slider *slider; } Sliders;
 
 /* The reduced tangent, in an order with little fill-in: as a chain, as a band, or in sparse rows. Unknowns, with two of each

@@ -33,7 +33,7 @@ static double newmark_end(const Problem *p, double D, double v0, double a0, doub
   return (D - dt * v0) / (p->scheme.beta * dt * dt) - (1 / (2 * p->scheme.beta) - 1) * a0;
 }
 
-/* Values of the user's rule at all nodes (nodal_rules.py): acceleration, its derivatives by the
+/* Values of the user's rule at all nodes (compiled_laws.py): acceleration, its derivatives by the
    increment, and rates and accelerations at the end of the step. */
 static void evaluate_rule(const Problem *p, const Work *w, double dt) {
   Law *rule = p->scheme.nodal_rule[p->run.sub_step % p->scheme.rules];

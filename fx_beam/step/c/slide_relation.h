@@ -1,4 +1,4 @@
-/* The relation of a node that slides on a beam (coupling/sliders.py), and its path (scene/path.py). */
+/* The relation of a node that slides on a beam (coupling/sliders.py), and its path (scene/beam_axis.py). */
 
 #pragma once
 
