@@ -27,10 +27,10 @@ def leaves(value, path: str = "") -> Iterator[tuple[str, object]]:
         yield path, value
 
 
-def numbers(results: Path) -> dict[str, object]:
+def numbers(folder: Path) -> dict[str, object]:
     """All numbers of the demos of a system."""
     values = {}
-    for summary in sorted((results / "results").glob("*/summary.json")):
+    for summary in sorted((folder / "results").glob("*/summary.json")):
         values |= dict(leaves(json.loads(summary.read_text()), summary.parent.name))
     return values
 
@@ -72,7 +72,7 @@ def seconds(file: Path) -> float:
     return end - start
 
 
-def row(results: Path) -> dict[str, str]:
+def row(folder: Path) -> dict[str, str]:
     """Results of a system; a question mark if one is missing."""
 
     def known(value) -> str:
@@ -82,27 +82,27 @@ def row(results: Path) -> dict[str, str]:
             return "?"
 
     def step() -> dict:
-        return json.loads((results / "step").read_text())
+        return json.loads((folder / "step").read_text())
 
     def status(command: str) -> str:
-        return "passed" if (results / f"{command}.status").read_text().strip() == "0" else "failed"
+        return "passed" if (folder / f"{command}.status").read_text().strip() == "0" else "failed"
 
     def tests() -> str:
-        said = (results / "test").read_text()
+        said = (folder / "test").read_text()
         return re.findall(r"(\d+ (?:passed|failed|errors?)\b.*?) in \d", said)[-1]
 
-    install = known(lambda: f"{seconds(results / 'demos'):.0f}")
+    install = known(lambda: f"{seconds(folder / 'demos'):.0f}")
     return {
         "FFCx": known(lambda: step()["FFCx"]),
         "Python": known(lambda: step()["python"]),
         "NumPy": known(lambda: step()["numpy"]),
         "install [s]": install,
-        "disk [MB]": known(lambda: (results / "megabytes").read_text().strip()),
+        "disk [MB]": known(lambda: (folder / "megabytes").read_text().strip()),
         "demos [s]": known(
-            lambda: f"{seconds(results / 'demos.end') - seconds(results / 'demos'):.0f}"
+            lambda: f"{seconds(folder / 'demos.end') - seconds(folder / 'demos'):.0f}"
         ),
-        "demos": "failed" if (results / "demos.failed").exists() else "passed",
-        "second call [s]": known(lambda: f"{seconds(results / 'second'):.1f}"),
+        "demos": "failed" if (folder / "demos.failed").exists() else "passed",
+        "second call [s]": known(lambda: f"{seconds(folder / 'second'):.1f}"),
         "lint": known(lambda: status("lint")),
         "tests": known(tests),
         "solver": known(lambda: step()["solver"]),
@@ -126,10 +126,10 @@ def main() -> int:
         for size, path in apart[suite][:LARGEST]:
             print(f"  {size:.1e}  {path}")
     good = all(
-        results["demos"] == "passed"
-        and results["solver"].startswith("compiled")
-        and "failed" not in results["lint"] + results["tests"]
-        for results in rows.values()
+        facts["demos"] == "passed"
+        and facts["solver"].startswith("compiled")
+        and "failed" not in facts["lint"] + facts["tests"]
+        for facts in rows.values()
     )
     return 0 if good else 1
 

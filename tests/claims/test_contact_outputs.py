@@ -25,6 +25,14 @@ def test_a_fall_ends_where_the_gap_closes(dt):
     assert fall.contact(contact).gap[-1, 0] == pytest.approx(0.0, abs=1e-11)
 
 
+def test_a_motion_ends_where_a_contact_pushes_hard():
+    scene, contact, outputs = ball()
+    until = {"outputs": outputs, "until": lambda t, y: y["force"][1] - 100.0}
+    fall = fb.simulate(scene, dt=1e-3, t_end=3.0, **until)
+    assert fall.t[-1] > np.sqrt(0.2)
+    assert fall.contact(contact).force[-1].sum(axis=0)[1] == pytest.approx(100.0, rel=1e-6)
+
+
 @pytest.mark.parametrize("kind", ["line", "moving circle", "member"])
 def test_outputs_are_those_of_the_solution(kind):
     section = fb.Section(EA=1e5, GA=1e5, EI=50.0, rhoA=2.0, rhoI=1e-4)

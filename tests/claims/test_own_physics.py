@@ -150,6 +150,28 @@ def test_a_viscous_force_slows_a_sliding_beam_exponentially(scheme):
     assert decay == pytest.approx(np.exp(-0.7 * solution.t), abs=3e-4)
 
 
+def test_a_follower_load_turns_with_the_beam():
+    # A stiff rotor, pinned in the middle, pushed by forces that stay normal to it: torque
+    # q L^2/4 about the pin, constant while it turns, so that the spin grows linearly.
+    scene = fb.Scene()
+    section = fb.Section(EA=1e7, GA=1e7, EI=1e6, rhoA=1.0, rhoI=1.0)
+    rotor = scene.add_beam([(-1, 0), (1, 0)], section, elements=8)
+    scene.pin(rotor.node(0.5))
+
+    def normal_load(step):
+        t = step.director
+        side = ufl.conditional(ufl.gt(step.X[0], 0), 1.0, -1.0)
+        return 3.0 * side * (t[0] * step.virtual_u[1] - t[1] * step.virtual_u[0])
+
+    scene.add_virtual_work(normal_load)
+    solution = fb.simulate(scene, dt=0.02, t_end=3.0)
+    inertia = 2 * 1.0 + 1.0 * 2**3 / 12
+    # The lever at mid-step is shorter than the rotor by cos(Dpsi/2).
+    assert solution.angular_momentum == pytest.approx(3.0 * solution.t, rel=1e-3, abs=1e-9)
+    assert solution.rotation(rotor.start)[-1] == pytest.approx(3.0 / inertia * 4.5, rel=1e-3)
+    assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.total[-1]
+
+
 # -- A scheme of one's own ----------------------------------------------------------------------
 
 
