@@ -325,8 +325,8 @@ def test_resultants_are_those_of_the_step_whatever_is_recorded(scheme):
         for every in (1, 4)
     )
     for name in ("N", "Q", "M"):
-        every, fourth = (getattr(run.resultants(beam), name) for run in (all_rows, some))
-        np.testing.assert_allclose(every[::4], fourth, rtol=1e-9, atol=1e-9)
+        each, fourth = (getattr(run.resultants(beam), name) for run in (all_rows, some))
+        np.testing.assert_allclose(each[::4], fourth, rtol=1e-9, atol=1e-9)
     natural = all_rows.internal(beam, "natural curvature")
     s = all_rows.resultants(beam).s
     np.testing.assert_allclose(natural, 2 * np.sin(5 * all_rows.t[:, None] - 4 * s), atol=1e-12)
