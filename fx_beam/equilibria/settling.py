@@ -52,7 +52,7 @@ _NEUTRAL, _CARRIED = 1e-6, 1e-6
 
 
 class Settling:
-    """Finds the equilibrium of a mechanism at a load factor; errors give a `reason`."""
+    """Finds the equilibrium of a mechanism at a load factor; errors say for what `reason`."""
 
     def __init__(self, stepper: LoadStepper, reason: str = ""):
         self._why = reason or stepper.model.mechanism
