@@ -48,7 +48,7 @@ _NOT_SETTLED = (
     "no equilibrium was found at the start for nodes without mass: their motion may alternate from "
     "step to step. Let the loads begin at zero, or start from static(scene)"
 )
-# Rates that were given before the first ones.
+# Rates before the first given ones, and flags of nodes that have some: none for any node.
 _NONE_BEFORE = np.zeros(1, dtype=bool)
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 
