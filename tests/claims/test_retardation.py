@@ -99,6 +99,16 @@ def test_the_balance_closes_and_every_step_loses(degree, section, dt):
     assert abs(solution.reaction(beam.start)[1:, :2] - forces).max() < 1e-8 * abs(forces).max()
 
 
+def test_the_newmark_family_loses_by_the_material():
+    scene, _ = pinned_beam(
+        section=fb.Section(EA=4e5, GA=1e5, EI=1.3e7, rhoA=0.05, retardation=0.01)
+    )
+    solution = fb.simulate(scene, fb.Newmark(), dt=0.005, t_end=0.2)
+    assert np.diff(solution.energy.dissipated).min() >= 0
+    loss = solution.energy.total[0] - solution.energy.total[-1]
+    assert solution.energy.dissipated[-1] == pytest.approx(loss, rel=0.05)
+
+
 def test_statics_and_undamped_scenes_know_nothing_of_it():
     scene, beam = pinned_beam(section=PINNED)
     assert "lost energy" not in fb.simulate(scene, dt=0.01, t_end=0.1).stats.compiled
