@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import logging
 import sys
 from collections.abc import Iterator, Mapping
 from types import ModuleType
@@ -19,7 +20,12 @@ else:  # UFL is loaded when something is written in it
 
 
 def package(name: str) -> ModuleType:
-    """UFL or FFCx; UFL asks the streams that it writes to, which may be missing, for a terminal."""
+    """UFL or FFCx, whose import would give the user's root logger a handler.
+
+    UFL asks the streams that it writes to, which may be missing, for a terminal.
+    """
+    root = logging.getLogger()
+    handlers = root.handlers[:]
     streams = {stream: getattr(sys, stream) for stream in ("stdout", "stderr")}
     missing = {s: file for s, file in streams.items() if getattr(file, "closed", file is None)}
     try:
@@ -27,6 +33,7 @@ def package(name: str) -> ModuleType:
             setattr(sys, stream, io.StringIO())
         return importlib.import_module(name)
     finally:
+        root.handlers[:] = handlers
         for stream, file in missing.items():
             setattr(sys, stream, file)
 

@@ -133,13 +133,17 @@ def test_a_processor_that_is_unknown_or_not_this_one_is_refused_before_a_step(
 
 
 def test_the_log_names_what_is_compiled_and_nothing_the_second_time(tmp_path):
+    # What is compiled leaves no handler behind: `basicConfig` works after it as well.
     script = """
 import logging, sys
-logging.basicConfig(level="INFO", stream=sys.stdout, format="%(message)s")
 import fx_beam as fb
 scene = fb.Scene()
 beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0, rhoA=1.0))
+log = logging.getLogger("fx_beam")
+log.setLevel("INFO")
+log.addHandler(logging.StreamHandler(sys.stdout))
 fb.simulate(scene, dt=0.1, t_end=0.2)
+assert not logging.getLogger().handlers
 """
     # Of several options -O the last one counts.
     quick = tmp_path / "cc"
@@ -149,7 +153,10 @@ fb.simulate(scene, dt=0.1, t_end=0.2)
     def run():
         environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "CC": str(quick)}
         command = [sys.executable, "-c", script]
-        return subprocess.run(command, env=environment, capture_output=True, text=True).stdout
+        done = subprocess.run(
+            command, env=environment, check=True, stdout=subprocess.PIPE, text=True
+        )
+        return done.stdout
 
     first = run()
     for what in ("internal forces", "tangent", "strain energy"):
