@@ -50,29 +50,35 @@ class ArrayCalls:
         self.accepted = dict[tuple[str, object], bool]()
 
     def values(
-        self, function: Callable, size: int, rows: MaybeDual, name: str, each: Callable, dual: bool
+        self,
+        function: Callable,
+        size: int,
+        rows: MaybeDual,
+        name: str,
+        one_by_one: Callable,
+        is_dual: bool,
     ) -> MaybeDual:
         """Values (n, size) for rows (n, k) of arguments, by one call if the function accepts it.
 
         For the first function made by a line of the user's code all values are compared with calls
         one by one, for each later function some values. They may differ by round-off.
         """
-        least = _LEAST_WITH_SLOPES if dual or isinstance(rows, Dual) else _LEAST
+        least = _LEAST_WITH_SLOPES if is_dual or isinstance(rows, Dual) else _LEAST
         key = name, getattr(function, "__code__", type(function))
         if len(rows) < least or not self.accepted.get(key, True):
-            return each(rows)
+            return one_by_one(rows)
         values = _at_once(function, size, rows)
         if key not in self.accepted:
-            single_values = each(rows)
+            single_values = one_by_one(rows)
             self.accepted[key] = values is not None and _agree(values, single_values)
             return single_values
         if values is not None:
             samples, sizes = np.arange(_SAMPLES) * (len(rows) - 1) // (_SAMPLES - 1), None
             if isinstance(values, Dual):
                 samples, sizes = samples[1:2], values
-            if _agree(values[samples], each(rows[samples]), sizes):
+            if _agree(values[samples], one_by_one(rows[samples]), sizes):
                 return values
-        return each(rows)
+        return one_by_one(rows)
 
 
 class Signal:

@@ -217,7 +217,7 @@ def damped(model: Model, data: Data, reduction: Reduction) -> Data:
 
 
 def _mechanism(model: Model, massless: bool, settles: bool) -> str:
-    """Why a scene without loads is a mechanism, or without masses; empty if it is none."""
+    """Why a scene moves freely without loads (and masses, if `massless`); empty if it does not."""
     heavy = not massless and not once(model, massless_dofs).any()
     if heavy or not (settles or not model.scene.virtual_works):
         return ""

@@ -9,8 +9,8 @@ import scipy.sparse
 
 _log = logging.getLogger("fx_beam")
 
-# Bound of the rounding errors of x^T K x, relative to it, from which on a warning tells of them.
-# In bending of thin beams a tenth of it is lost.
+# A warning tells of rounding errors whose bound is above this part of x^T K x. In bending of thin
+# beams the errors are about a tenth of the bound.
 _FEW_DIGITS = 0.05
 
 
@@ -26,7 +26,7 @@ def warn_of_rounding(
     if share > _FEW_DIGITS:
         _log.warning(
             "%s few correct digits, if any: rounding errors may be %.0e of the stiffness. Beams "
-            "are so much stiffer in tension or shear than in bending (EA l^2 / EI, with the length "
-            "l of elements, and their number). Take longer elements, or smaller EA and GA",
+            "are far stiffer in tension or shear than in bending, or have very many elements. Take "
+            "fewer elements, or smaller EA and GA",
             *(what, min(share, 1.0)),
         )

@@ -16,7 +16,7 @@ from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
 from .form_tables import aligned_zeros
 from .model import Model, once, sizes_of
 
-# A state without anything, of which those that are read are made.
+# An empty state, which is copied and filled to make others.
 _EMPTY = np.empty(0)
 _NOTHING = State(t=0.0, motors=_EMPTY, q=_EMPTY, v=_EMPTY, a=_EMPTY, slides=_EMPTY)
 #: A copy of the memory, and of the numbers that go with it.
@@ -33,7 +33,7 @@ class StateVector:
         self.shapes = {name: array.lengths(once(model, sizes_of)) for name, array in ARRAYS.items()}
         sizes = {name: math.prod(shape) for name, shape in self.shapes.items()}
         sizes["driven_now"] = model.reduction.driven
-        # Those of unknowns are differences of nodes where each unknown moves some as it does.
+        # Where each unknown is a displacement of nodes, its differences are those of the nodes.
         unknowns = 0 if model.couplings.is_selection else model.reduction.free
         past = {"ages": C.PAST + 1, "past": C.PAST * (n + unknowns)}
         errors = {"ages": C.PAST + 1, "past": C.PAST * n, "last": (C.AVERAGED - 1) * n}

@@ -115,7 +115,7 @@ def test_copies_of_a_scene_move_as_it(case, motion):
 
 @every_scene
 def test_what_stands_far_away_changes_nothing(case, motion, monkeypatch):
-    """But the numbers of all nodes, and the size of the scene."""
+    """A held body far away changes the size of a scene and numbers of nodes, not the motion."""
 
     class Beside(fb.Scene):
         def __init__(self, gravity=None):
@@ -126,10 +126,10 @@ def test_what_stands_far_away_changes_nothing(case, motion, monkeypatch):
     solution = case.simulate()
     assert solution.stats.halvings == 0
     for name in ("q", "v", "a", "slides", *FORCES):
-        values, found = getattr(motion, name), getattr(solution, name)
+        values, beside = getattr(motion, name), getattr(solution, name)
         size = max(abs(values).max(initial=0.0), 1e-3)
-        found = found[:, -values.shape[1] :] if values.size else found
-        assert found == pytest.approx(values, rel=0, abs=1e-5 * size), name
+        beside = beside[:, -values.shape[1] :] if values.size else beside
+        assert beside == pytest.approx(values, rel=0, abs=1e-5 * size), name
 
 
 @every_scene
