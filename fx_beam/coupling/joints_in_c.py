@@ -12,12 +12,12 @@ from fx_beam import c_library
 from fx_beam.c_library import Structs, array_at
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
+from fx_beam.fem.scene_data import Arm
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.results.state import MACROS
-from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
 
-from .graph import Auxiliaries, Couplings, joints_with_arms
+from .graph import Auxiliaries, Couplings
 from .reduced_tangent import columns_of_slides
 
 if TYPE_CHECKING:
@@ -46,24 +46,18 @@ class JointsInC:
         self.loops, self.size, self._rates = loops, size, rates
         #: Offsets and axes (2, joints, 2) of `Couplings.arm_joints`.
         self.arms = np.zeros((2, len(couplings.arm_joints), 2))
-        self._set_arms(couplings.arm_joints)
         #: Weights of both terms of gears, and their sums at rest (gears, 3).
         self.gears = np.zeros((len(couplings.gears), 3))
         #: Tables by the names in c/problem.h, without positions in the tangent.
         self.members = self._tables()
 
-    def set_arms(self, scene: Scene) -> None:
-        """Set the offsets and axes of the joints of a scene."""
-        self._set_arms(joints_with_arms(self.couplings, scene))
-
-    def _set_arms(self, arm_joints: Sequence[Joint]) -> None:
+    def set_numbers(self, arms: dict[int, Arm], gears: Sequence[Sequence[float]]) -> None:
+        """Set offsets and axes of joints, and the numbers of gears."""
         offset, axis = self.arms
-        for m, joint in enumerate(arm_joints):
-            offset[m], axis[m] = joint.offset, (0.0, 0.0) if joint.axis is None else joint.axis
-
-    def set_gears(self, scene: Scene) -> None:
-        """Set the numbers of the gears of a scene."""
-        for gear_numbers, numbers in zip(self.gears, numbers_of_gears(scene), strict=True):
+        for m, joint in enumerate(self.couplings.arm_joints):
+            arm = arms[joint.number]
+            offset[m], axis[m] = arm.offset, arm.axis or (0.0, 0.0)
+        for gear_numbers, numbers in zip(self.gears, gears, strict=True):
             gear_numbers[:] = numbers
 
     @property

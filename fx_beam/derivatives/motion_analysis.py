@@ -69,14 +69,14 @@ class MotionAnalysis(Analysis):
         # Functions of the user's, which have read a scene before, may take plain floats alone.
         plain = callable(self._start) or any(map(callable, self.outputs.values()))
         run: Run = self.parameters.scenes.serve(x, self._begun, not plain)
-        read = run.take_steps(lambda: self._rows_of(run) or run.solution())
+        read = self._series.finished(run, lambda: self._rows_of(run) or run.solution())
         self.parameters.stats = run.prepared.stats
+        self.parameters.lock = run.prepared.model.lock
         if self._series.tape is not None:
             self._series.tape.last = run.recorder.end
         if isinstance(read, Solution):
             self.t = read.t
             return self.t, self.read(read)
-        run.lease.end()
         self._last_run, self.t = run, run.recorder.t
         return self.t.copy(), read
 

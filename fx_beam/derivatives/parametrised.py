@@ -35,7 +35,8 @@ def one_call(method: _Method) -> _Method:
             parameters, subject = self._parameters, f"{type(self).__name__}.{name}"
             expected = "called after run(x) without an error"
             require(len(parameters.x) > 0, subject, f"no {parameters.gives} yet", expected)
-        return method(self, *arguments, **named)
+        with self._parameters.lock:
+            return method(self, *arguments, **named)
 
     return one_thread(call)  # type: ignore[return-value]
 
@@ -60,6 +61,8 @@ class Parametrised(Generic[_Besides]):
         #: What a call gives, for messages.
         self.gives = gives
         self.alone, self._array_calls = RLock(), ArrayCalls()
+        #: Held in a call: that of the model of the last one, which solutions may read.
+        self.lock = RLock()
         #: Arguments of `build` after x.
         self.more: tuple[float, ...] = ()
         #: The parameters of the last call; empty until it succeeds.

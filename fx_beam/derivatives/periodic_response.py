@@ -13,9 +13,6 @@ from fx_beam.errors import SceneError, check_takes, require
 from fx_beam.fem.parameter_values import before
 from fx_beam.motions.motion_series import MotionSeries
 from fx_beam.motions.numbers import OF_STEPS, numbers_in_steps, observed_numbers_of
-from fx_beam.motions.options import Options
-from fx_beam.motions.prepared import Prepared
-from fx_beam.motions.set_ups import Lease
 from fx_beam.orbits.shooting import Shooting
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import PeriodicMotion
@@ -170,19 +167,16 @@ class PeriodicAnalysis(Analysis):
         if self._finds_frequency:
             parameters.more = (cycle.period.parameter,)
             parameters.take(x)
-        leases = list[Lease]()
-
-        def prepare(scene: Scene, options: Options) -> Prepared:
-            leases.append(self._series.lease(scene, options))
-            return leases[0].set_up
-
-        self._shooting = Shooting(parameters.scene, cycle.options, prepare)
-        ok = len(cycle.period.start.q) == self._shooting.model.size
-        require(ok, f"{WHAT}: motion", motion, "that of the scene, or of the build, given")
-        #: The motion; its parameter is its length here.
-        self._period = cycle.period._replace(parameter=cycle.period.length)
-        solution = self._shooting.solution(self._period)
-        solution.resultants_of_beam = leases[0].reads(solution.resultants_of_beam)
+        self._shooting = Shooting(parameters.scene, cycle.options, self._series.prepare)
+        try:
+            ok = len(cycle.period.start.q) == self._shooting.model.size
+            require(ok, f"{WHAT}: motion", motion, "that of the scene, or of the build, given")
+            #: The motion; its parameter is its length here.
+            self._period = cycle.period._replace(parameter=cycle.period.length)
+            solution = self._shooting.solution(self._period)
+        finally:
+            self._series.give_back(self._shooting.prepared)
+        parameters.lock = self._shooting.model.lock
         parameters.stats, self.t = solution.stats, solution.t[1:]
         return self.t.copy(), self.read(solution)
 

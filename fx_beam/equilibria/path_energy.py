@@ -40,6 +40,6 @@ class PathEnergy:
         if beams is None:
             return 0.0
         self._loop.record(state, recorder)
-        with self._model.forms.reading:
+        with self._model.lock:
             N, Q, M = np.moveaxis(abs(beams.resultants(RowSteps(recorder).batch())), -1, 0)
         return float(max(self._model.mesh.size * max(N.max(), Q.max()), M.max()))

@@ -172,7 +172,6 @@ class LoadPath:
         rest = Rest(self.forcing.time, recorder.t)
         solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later, rest=rest)
         solution.loads_on_nodes = self._loads_on_nodes
-        solution.resultants_of_beam = self._lease.reads(solution.resultants_of_beam)
         return solution
 
     def stability(self, states: list[State], solved) -> PathStability:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from threading import RLock
-
 import numpy as np
 import scipy.sparse
 
@@ -59,8 +57,6 @@ class Forms:
         #: Whether the forces depend on the start of the last step, and whether a step does.
         self.needs_previous = self.beams is not None and self.beams.facts.needs_previous
         self.keeps_previous = self.needs_previous or scheme.rates.user_defined
-        #: Held by the thread that makes what solutions have only when it is read.
-        self.reading = RLock()
         #: The nodal rules of the rates, if they are those of a user.
         self.nodal_rules = []
         if isinstance(rates := scheme.rates, NodalRates):

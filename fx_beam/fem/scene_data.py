@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import OtherStructureError
 
 from .beam_data import data_of_beams
 from .loads import Followers, LoadedBeams, SumOfLoads
@@ -60,24 +59,26 @@ class FormData(NamedTuple):
         return {name: [min(values), max(values)] for name, values in times.items()}
 
 
-class Arms(NamedTuple):
-    """Arms, offsets and axes of joints that move, by their numbers; some axes are None."""
+class Arm(NamedTuple):
+    """Vectors (2,) of a joint that moves [m]; of its axis None if it does not slide."""
 
-    numbers: list[int]
-    vectors: list[list[float] | None]
+    arm: list[float]
+    offset: list[float]
+    axis: list[float] | None
+    apart: list[float]
 
-    @classmethod
-    def of(cls, scene: Scene) -> Arms:
-        """Arms of a scene."""
-        joints = [joint for joint in scene.joints if not joint.is_selection]
-        vectors = [vector for j in joints for vector in (j.arm, j.offset, j.axis, j.apart)]
-        plain = [None if vector is None else floats(vector).tolist() for vector in vectors]
-        return cls([joint.number for joint in joints], plain)
 
-    def check(self, other: Arms) -> None:
-        """OtherStructureError if other joints have arms."""
-        if self.numbers != other.numbers:
-            raise OtherStructureError("other joints have offsets")
+def arms_of(scene: Scene) -> dict[int, Arm]:
+    """Arms of the joints of a scene that move, by their numbers."""
+    arms = dict[int, Arm]()
+    for joint in scene.joints:
+        if not joint.is_selection:
+            axis = None if joint.axis is None else floats(joint.axis).tolist()
+            arm, offset, apart = (
+                floats(vector).tolist() for vector in (joint.arm, joint.offset, joint.apart)
+            )
+            arms[joint.number] = Arm(arm, offset, axis, apart)
+    return arms
 
 
 class Data(NamedTuple):
@@ -92,7 +93,9 @@ class Data(NamedTuple):
     masses: dict[str, MaybeDual]
     loads: SumOfLoads
     natural: SumOfLoads
-    arms: Arms
+    arms: dict[int, Arm]
+    #: Weights and sum at rest of each gear that is a relation.
+    gears: list[list[Any]]
     #: Joints with a motor, each with the name of its coordinate.
     motors: list[tuple[Joint, str]]
     #: What section forces need, whatever becomes of the scene.
@@ -100,7 +103,7 @@ class Data(NamedTuple):
 
     def lies_as(self, other: Data) -> bool:
         """Whether nodes and joints are where other data have them, or nothing depends on it."""
-        if self.arms.vectors != other.arms.vectors:
+        if self.arms != other.arms:
             return False
         return self.X is other.X or all_of(floats(self.X) == floats(other.X))
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.dual import dual_array, floats
 from fx_beam.errors import any_of
 from fx_beam.fem.loads import LoadedBeams, dead_loads
@@ -108,6 +107,11 @@ class ElementBalance:
         turns = self._steps.means(parts.q + level * parts.D)[:, model.mesh.dofs[:, 2]]
         #: Rotations (n, cells, 2) at the ends of elements, to which components belong.
         self.turns = turns[:, model.mesh.elements[:, [0, -1]]]
+        # Directions (n, cells, 2) of the sections' normals at the ends [rad].
+        self._angles = directions_at_ends(model.mesh.X[model.mesh.elements]) + self.turns
+        #: N, Q and M (n, cells, 2, 3) at both ends of elements.
+        ends = self.forces[:, :, [0, -1]] * np.array([-1.0, 1.0])[:, None]
+        self.ends = components(ends, self._angles)
 
     def _batch(self, recorder: Recorder, a: np.ndarray, moves: bool) -> StepBatch:
         """The sub-steps, with rates at their starts, which Newmark's rule needs."""
@@ -153,18 +157,6 @@ class ElementBalance:
         places, jumps = self.jumps(number)
         s, cells = self._loaded_beams.beams[number].s, self.model.mesh.cells[number]
         return Balance(s, self.ends[rows][:, cells], places, jumps[rows])
-
-    @cached_property
-    def ends(self) -> np.ndarray:
-        """N, Q and M (n, cells, 2, 3) at both ends of elements."""
-        ends = self.forces[:, :, [0, -1]] * np.array([-1.0, 1.0])[:, None]
-        return components(ends, self._angles)
-
-    @cached_property
-    def _angles(self) -> np.ndarray:
-        """Directions (n, cells, 2) of the sections' normals at the ends [rad]."""
-        mesh = self.model.mesh
-        return directions_at_ends(mesh.X[mesh.elements]) + self.turns
 
     def jumps(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Arc lengths (m,) of loads inside elements of a beam, and jumps (n, m, 3) there."""

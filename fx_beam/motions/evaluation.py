@@ -56,7 +56,7 @@ def solution_of(
         histories = dict(recorded)
     elif not later:
         recorded.fit()
-    loaded_beams = model.data.loaded_beams
+    data = model.data
     spring_rows = histories["spring_internal"] if model.points.width else None
     beams = zip(scene.beams, mesh.cells, strict=True)
     named_beams = {beam.name: (beam, cells) for beam, cells in beams}
@@ -68,7 +68,7 @@ def solution_of(
             beams = model.forms.beams
             assert beams is not None
             check_rates(recorder)
-            with model.forms.reading:
+            with model.reading(data):
                 steps = RowSteps(recorder)
                 means.append(steps.means(beams.resultants(steps.batch()))[rows])
         return means[0]
@@ -87,17 +87,15 @@ def solution_of(
             return balances[0]
         from .element_balance import ElementBalance
 
-        if len(a := histories_of(recorder)["a"]) < recorder.rows:
-            raise ValueError(
-                "section forces from the balance of elements need accelerations, which were not "
-                "recorded; simulate with record=Record(rates=True)"
-            )
-        with model.forms.reading:
-            element_balance = ElementBalance(
-                recorder, loaded_beams, a.reshape(len(a), -1).copy(), rest
-            )
-        balances.append(element_balance)
-        return element_balance
+        with model.reading(data):
+            if len(a := histories_of(recorder)["a"]) < recorder.rows:
+                raise ValueError(
+                    "section forces from the balance of elements need accelerations, which were "
+                    "not recorded; simulate with record=Record(rates=True)"
+                )
+            accelerations = a.reshape(len(a), -1).copy()
+            balances.append(ElementBalance(recorder, data.loaded_beams, accelerations, rest))
+        return balances[0]
 
     def balance_of(name: str) -> Balance:
         return balance().of_beam([*named_beams].index(name), rows)
@@ -106,12 +104,13 @@ def solution_of(
 
     def last() -> State:
         state = end()
-        state = state.changed(
-            impact=recorder.first.impact,
-            **recorded.at_end(state.t),
-            constraints=constraints_of(scene) if constraints is None else constraints,
-            owners=model.points.owners,
-        )
+        with model.reading(data):
+            state = state.changed(
+                impact=recorder.first.impact,
+                **recorded.at_end(state.t),
+                constraints=constraints_of(scene) if constraints is None else constraints,
+                owners=model.points.owners,
+            )
         return state.reshaped(-1, 3)
 
     return Solution(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from fx_beam.results.solution import Solution
 from fx_beam.scene.functions import ArrayCalls
@@ -17,11 +18,13 @@ from .initial_state import end_of
 from .options import Options
 from .prepared import Prepared
 from .run import Run
-from .set_ups import Lease, SetUps, kind_of
+from .set_ups import SetUps, kind_of
 from .surroundings import call_with_arrays, warn_of_equal_work
 
 if TYPE_CHECKING:
     from fx_beam.step.tape import Tape
+
+T = TypeVar("T")
 
 
 class MotionSeries:
@@ -47,7 +50,14 @@ class MotionSeries:
     def motion(self, scene: Scene, options: Options, start: Solution | None = None) -> Solution:
         """The motion of a scene, from its reference configuration or the end of a solution."""
         run = self.begun(scene, options, start)
-        return run.take_steps(run.solution)
+        return self.finished(run, run.solution)
+
+    def finished(self, run: Run, finish: Callable[[], T]) -> T:
+        """What `finish` gives after all steps of a run, whose set-up serves others from then on."""
+        try:
+            return run.take_steps(finish)
+        finally:
+            self.give_back(run.prepared)
 
     def begun(
         self, scene: Scene, options: Options, start: Solution | None = None, old: Run | None = None
@@ -63,25 +73,33 @@ class MotionSeries:
         call_with_arrays(scene)
         connected = with_functions(scene, options.inputs, f"{options.what}: inputs")
         warn_of_equal_work()
-        lease = self.lease(connected, options)
-        run = Run(lease, scene, start, grid, self._memory is not None, old)
-        self._begin_tape(run.prepared)
-        run.prepared.stats.setup_seconds = time.perf_counter() - clock
-        run.prepared.stats.setup_reason = lease.reason
+        prepared = self.prepare(connected, options)
+        try:
+            with prepared.model.lock:
+                run = Run(prepared, scene, start, grid, self._memory is not None, old)
+                self._begin_tape(prepared)
+        except BaseException:
+            self.give_back(prepared)
+            raise
+        prepared.stats.setup_seconds = time.perf_counter() - clock
         return run
 
-    def lease(self, scene: Scene, options: Options) -> Lease:
-        """The lease of a prepared scene for a motion."""
+    def prepare(self, scene: Scene, options: Options) -> Prepared:
+        """A prepared scene, which is to be given back."""
         self.prepared = None
-        lease = self._cache.lease(
+        prepared, reason = self._cache.take(
             kind_of(scene, "motion") if self._shares else "motion",
             lambda last: last.bind(scene, options),
             lambda: Prepared(scene, options),
         )
-        if lease.reason:
+        if reason:
             self._alike = None
-        self.prepared = lease.set_up
-        return lease
+        prepared.stats.setup_reason, self.prepared = reason, prepared
+        return prepared
+
+    def give_back(self, prepared: Prepared) -> None:
+        """Let the next scene of its structure have what was prepared."""
+        self._cache.give_back(prepared)
 
     def alike(self, scene: Scene, options: Options) -> Prepared:
         """Prepared model of another scene of the structure of the last one, beside it."""

@@ -69,11 +69,12 @@ class Prepared:
             last = self.options
             if (options.scheme, options.newton) != (last.scheme, last.newton):
                 raise OtherStructureError("another scheme, or other options")
-        bind(self.model, scene)
-        self.turn_counter.removed[:] = 0.0
-        self._begin_run()
-        self.loop.bind(self.forcing, self.stats)
-        self._begin_steps(options or self.options)
+        with self.model.lock:
+            bind(self.model, scene)
+            self.turn_counter.removed[:] = 0.0
+            self._begin_run()
+            self.loop.bind(self.forcing, self.stats)
+            self._begin_steps(options or self.options)
 
     def count_turns(self, state: State, recorder: Rows) -> State | None:
         """The state without its full turns, which rows miss from here on; None if it has none.

@@ -47,7 +47,7 @@ class RowBalance:
             return
         model, last, beams = self._model, recorder.rows - 1, self._model.forms.beams
         assert beams is not None  # as an output is of one
-        with model.forms.reading:
+        with model.lock:
             steps = RowSteps(recorder, last)
             self._gauss = steps.means(beams.resultants(steps.batch()))
             self._balance = ElementBalance(
@@ -57,5 +57,4 @@ class RowBalance:
                 first=last,
                 own_loads=self._loads,
             )
-            self._balance.ends  # noqa: B018  # before the next step
         self._state = state

@@ -30,7 +30,6 @@ from .evaluation import solution_of
 from .options import Tolerance
 from .prepared import Prepared
 from .progress import attach, failure_of, progress_bar
-from .set_ups import Lease
 
 _log = logging.getLogger("fx_beam")
 _T = TypeVar("_T")
@@ -95,23 +94,20 @@ def warn_of_damping(stats: Stats, dt: float | None) -> None:
 class Run:
     """The motion of a prepared scene by the steps of a grid, from its first state on.
 
-    `scene` has its inputs still, and stays as it is until solutions are read if it `stays`.
-    These have the lease. Rows are written over those of the `old` run on the same grid, which
-    nothing needs.
+    `scene` has its inputs still, and stays as it is until solutions are read if it `stays`. Rows
+    are written over those of the `old` run on the same grid, which nothing needs.
     """
 
     def __init__(
         self,
-        lease: Lease[Prepared],
+        prepared: Prepared,
         scene: Scene,
         start: Solution | None,
         grid: tuple[np.ndarray, Tolerance | None],
         stays: bool,
         old: Run | None = None,
     ):
-        #: The lease of what is prepared.
-        self.lease, self._scene, self._stays = lease, scene, stays
-        self.prepared = prepared = lease.set_up
+        self.prepared, self._scene, self._stays = prepared, scene, stays
         self._watch = Watch(scene)
         #: What was asked for, and with it the ends of steps [s] or what controls them.
         self.options, self.grid = prepared.options, grid
@@ -145,6 +141,10 @@ class Run:
 
     def take_steps(self, finish: Callable[[], _T]) -> _T:
         """Take all steps; gives what `finish` does. Exceptions have the solution so far."""
+        with self.prepared.model.lock:
+            return self._take_steps(finish)
+
+    def _take_steps(self, finish: Callable[[], _T]) -> _T:
         prepared, recorder, control = self.prepared, self.recorder, self._control
         options, stats = prepared.options, prepared.stats
         self._clock = time.perf_counter()
@@ -251,9 +251,7 @@ class Run:
             self._files.take()
             self._files.save(self._of_rows, always=True)
             rows = self._files.histories()
-        solution = self._of_rows(rows)
-        solution.resultants_of_beam = self.lease.reads(solution.resultants_of_beam)
-        return solution
+        return self._of_rows(rows)
 
     def _of_rows(self, rows: RecordedHistories | None) -> Solution:
         """The solution of all rows of the recorder, or of `rows`."""
@@ -262,19 +260,14 @@ class Run:
         prepared.stats.seconds = time.perf_counter() - self._clock
         input_values = values_at(self._scene, options.inputs, self.recorder.end.t)
         times = options.record.times
-
-        def end() -> State:
-            state, removed = self.recorder.present
-            state_in_c, past, parts = prepared.loop.state, None, None
-            if np.array_equal(
-                state_in_c.arrays["q"], state.q
-            ):  # no interrupt has come before the end
-                past, parts = state_in_c.past, prepared.stepper.halving.state
-            state = prepared.turn_counter.without(-removed, state)
-            return state.changed(parts=parts, past=past, **input_values)
-
+        state, removed = self.recorder.present
+        state_in_c, past, parts = prepared.loop.state, None, None
+        if np.array_equal(state_in_c.arrays["q"], state.q):  # no interrupt has come before the end
+            past, parts = state_in_c.past, prepared.stepper.halving.state
+        state = prepared.turn_counter.without(-removed, state)
+        state = state.changed(parts=parts, past=past, **input_values)
         return solution_of(
-            *(self.recorder, prepared.stats, end),
+            *(self.recorder, prepared.stats, lambda: state),
             None if times is None else np.array(times, float),
             [*options.breaks, *self._events],
             ended=True,

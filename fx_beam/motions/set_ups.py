@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Hashable
 from typing import Any, Generic, Protocol, TypeVar
@@ -24,7 +23,6 @@ class SetUp(Protocol):
 
 
 T = TypeVar("T", bound=SetUp)
-V = TypeVar("V")
 
 
 class SetUps(Generic[T]):
@@ -37,25 +35,30 @@ class SetUps(Generic[T]):
         self.size, self._most = size, most
         # Kinds and set-ups that wait, the earliest first.
         self._waiting: list[tuple[Hashable, T]] = []
-        #: Kinds and leased set-ups, by ids of set-ups. They are referenced here, or else garbage
-        #: collection could close the libraries of a set-up that a lease returns a moment later.
-        self.leased: dict[int, tuple[Hashable, T]] = {}
+        # Kinds and set-ups in use, by ids of set-ups. They are referenced here, or else garbage
+        # collection could close the libraries of one that a lease returns a moment later.
+        self._used: dict[int, tuple[Hashable, T]] = {}
 
-    def lease(self, kind: Hashable, bind: Callable[[T], None], make: Callable[[], T]) -> Lease[T]:
-        """The last set-up of a kind after `bind`, or a new one if there is none that fits."""
+    def take(
+        self, kind: Hashable, bind: Callable[[T], None], make: Callable[[], T]
+    ) -> tuple[T, str]:
+        """The last set-up of a kind after `bind`, or a new one and why no other one fits."""
         reason = ""
         for entry in self._waiting[::-1]:
             if entry[0] == kind and self._take(entry):
                 try:
                     bind(entry[1])
-                    return Lease(self, *entry)
                 except OtherStructureError as other:
                     reason = str(other)
-                break
+                    break
+                self._used[id(entry[1])] = entry
+                return entry[1], ""
         if not reason:
-            is_used = any(used == kind for used, _ in [*self.leased.values()])
-            reason = "the last solution is still in use" if is_used else "the first scene"
-        return Lease(self, kind, make(), reason)  # whose errors have no other cause
+            is_used = any(used == kind for used, _ in [*self._used.values()])
+            reason = "the last set-up is still in use" if is_used else "the first scene"
+        set_up = make()  # whose errors have no other cause
+        self._used[id(set_up)] = kind, set_up
+        return set_up, reason
 
     def _take(self, entry: tuple[Hashable, T]) -> bool:
         """Take out what waits; False if another thread was first."""
@@ -65,9 +68,9 @@ class SetUps(Generic[T]):
             return False
         return True
 
-    def end(self, set_up: T) -> None:
+    def give_back(self, set_up: T) -> None:
         """Let a set-up wait for the next scene, if it is not too large."""
-        entry, waiting = self.leased.pop(id(set_up)), self._waiting
+        entry, waiting = self._used.pop(id(set_up)), self._waiting
         if set_up.size <= self.size:
             waiting.append(entry)
         while len(waiting) > self._most:
@@ -79,26 +82,21 @@ class SetUps(Generic[T]):
 class Lease(Generic[T]):
     """A set-up for one user; it returns to its cache as soon as no object has the lease."""
 
-    def __init__(self, cache: SetUps[T], kind: Hashable, set_up: T, reason: str = ""):
-        self._cache, self._is_over = cache, False
-        #: What is leased, and why it was set up anew; empty if it was not.
-        self.set_up, self.reason = set_up, reason
-        cache.leased[id(set_up)] = kind, set_up
+    def __init__(
+        self, cache: SetUps[T], kind: Hashable, bind: Callable[[T], None], make: Callable[[], T]
+    ):
+        self._cache, self._is_over = cache, True
+        #: What is leased.
+        self.set_up = cache.take(kind, bind, make)[0]
+        self._is_over = False
 
     def end(self) -> None:
         """Return the set-up to the cache, once: it may be in use by another lease since."""
         was_over, self._is_over = self._is_over, True
         if not was_over:
-            self._cache.end(self.set_up)
+            self._cache.give_back(self.set_up)
 
     __del__ = end
-
-    def reads(self, function: Callable[[str], V]) -> Callable[[str], V]:
-        """A function that reads the set-up, and has the lease as long as it lives."""
-        return functools.partial(self._read, function)
-
-    def _read(self, function: Callable[[str], V], name: str) -> V:
-        return function(name)
 
 
 #: Set-ups of all that is called by itself, from any thread.
@@ -129,7 +127,8 @@ def model_for(
         except OtherStructureError:
             last.end()
     whole_kind = kind_of(scene, type(scheme), *kind)
-    return RECENT.lease(
+    return Lease(
+        RECENT,
         whole_kind,
         lambda model: bind(model, scene),
         lambda: Model(scene, scheme, **kind),

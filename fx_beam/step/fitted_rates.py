@@ -103,7 +103,7 @@ class FittedRates:
         arrays = {"q": q, "v": v, "slides": slides, "driven": driven, "rates": fit.rates}
         arrays |= {"joints": fit.joints, "constraints": fit.constraints}
         structs.set(fits, rows=n, **{name: never_empty(x) for name, x in arrays.items()})
-        with model.forms.reading:
+        with model.lock:
             structs.set(self._a, **derivatives)
             if not self.library.fx_fit(self._p, fits, self._a, way):
                 raise MemoryError("rates that fit the joints")

@@ -43,8 +43,9 @@ def mobility(
     nodes slide on beams.
     """
     scene, couplings, size = data.scene, reduction.couplings, mesh.dofs.size
-    arms = reduction.joints.arms.copy()
-    reduction.joints.set_arms(scene)
+    joints = reduction.joints
+    arms, gears = joints.arms.copy(), joints.gears.copy()
+    joints.set_numbers(data.arms, data.gears)
     reduction.begin(np.zeros(size), slides_at_start(scene))
     closed = not reduction.singularity
     # Operations on small arrays are quick, those on sparse ones take 0.1 ms.
@@ -52,7 +53,7 @@ def mobility(
         T = reduction.maps.coupling_array(closed)[:, : couplings.free]
     else:
         T = scipy.sparse.csr_array(reduction.maps.coupling(closed)[:, : couplings.free])
-    reduction.joints.arms[...] = arms
+    joints.arms[...], joints.gears[...] = arms, gears
     if not (couplings.is_selection or couplings.sliding):
         roots = np.isin(np.arange(couplings.free), couplings.column[mesh.dofs[:, :2]])
         T = about_centres(T, roots, mass.diagonal())

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
+from threading import RLock
 from typing import Any, TypeVar
 
 import numpy as np
 
 from fx_beam.coupling.graph import Auxiliaries, couple, motors
-from fx_beam.coupling.joints_in_c import begin_to_build_joints
+from fx_beam.coupling.joints_in_c import begin_to_build_joints, numbers_of_gears
 from fx_beam.coupling.reduction import Reduction
 from fx_beam.dual import MaybeDual, floats
 from fx_beam.errors import SceneError
@@ -18,7 +20,7 @@ from fx_beam.fem.forms import Forms
 from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
-from fx_beam.fem.scene_data import Arms, Data, FormData, form_data
+from fx_beam.fem.scene_data import Data, FormData, arms_of, form_data
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS
 from fx_beam.scene.beam import Beam
@@ -54,6 +56,8 @@ class Model:
         settles: bool = False,
     ):
         self.scheme, self.mesh = scheme, build_mesh(scene)
+        #: Held by the thread whose run, or whose reading, needs the numbers that this has now.
+        self.lock = RLock()
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
         if not all(joint.is_selection for joint in scene.joints):
@@ -91,7 +95,7 @@ class Model:
 
         Friction that sticks has the damping of `forms`; see `damped`.
         """
-        masses, mesh, arms = self.masses.numbers_of(scene, X), self.mesh, Arms.of(scene)
+        masses, mesh, arms = self.masses.numbers_of(scene, X), self.mesh, arms_of(scene)
         if scene.loads or known is None:
             weights = functools.partial(self.masses.places.weights, entries=masses["mass"])
             loads = dead_loads(scene, mesh, floats(X), weights)
@@ -101,8 +105,8 @@ class Model:
             natural = natural_strains(scene, mesh)
         else:
             natural = known.natural
-        moved, beams = motors(scene), LoadedBeams.of(scene)
-        return Data(scene, X, forms, masses, loads, natural, arms, moved, beams)
+        gears, moved, beams = numbers_of_gears(scene), motors(scene), LoadedBeams.of(scene)
+        return Data(scene, X, forms, masses, loads, natural, arms, gears, moved, beams)
 
     def bind(self, data: Data) -> None:
         """Set all numbers, as if this were set up anew; OtherStructureError, then nothing is set.
@@ -112,19 +116,35 @@ class Model:
         elsewhere = not data.lies_as(self.data)
         if elsewhere and self.couplings.need_places:
             raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
-        self._set(data, elsewhere)
-        if elsewhere:
-            self.units = Units(self.mesh, self.couplings)
-        if self.couplings.arm_joints:
-            self.reduction.joints.set_arms(data.scene)
-        if self.couplings.gears:
-            self.reduction.joints.set_gears(data.scene)
-        self.forms.bind(data.forms)
+        self._bind(data, elsewhere)
         # In statics without joints and forces between nodes places alone tell mechanisms.
         scene = data.scene
         places_tell = self._rests[0] and not (scene.joints or scene.forces_between)
         if elsewhere or scene.drags or (self.scheme.rates.at_rest and not places_tell):
             self.mechanism = _mechanism(self, *self._rests)
+
+    @contextmanager
+    def reading(self, data: Data) -> Iterator[None]:
+        """A block with the numbers of a run that has ended; then others have theirs again."""
+        with self.lock:
+            present, parameters = self.data, self.forms.parameters
+            if data is present:
+                yield
+                return
+            values, elsewhere = parameters.values.copy(), not data.lies_as(present)
+            self._bind(data, elsewhere)
+            try:
+                yield
+            finally:
+                self._bind(present, elsewhere)
+                parameters.use(values)
+
+    def _bind(self, data: Data, elsewhere: bool) -> None:
+        self._set(data, elsewhere)
+        if elsewhere:
+            self.units = Units(self.mesh, self.couplings)
+        self.reduction.joints.set_numbers(data.arms, data.gears)
+        self.forms.bind(data.forms)
 
     def _set(self, data: Data, moved: bool) -> None:
         #: The numbers that it has now, and their scene.
@@ -196,7 +216,7 @@ class Model:
             sliders=sliders,
             loops=loops,
         )
-        self.reduction.joints.set_gears(scene)
+        self.reduction.joints.set_numbers(self.data.arms, self.data.gears)
         made_later = any(joint.place for joint in scene.joints) or any(g.value for g in scene.gears)
         if loops is not None and not made_later:
             from fx_beam.coupling.determinacy import check_loops

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.coupling.graph import joints_with_arms
-from fx_beam.coupling.joints_in_c import numbers_of_gears
 from fx_beam.dual import MaybeDual, dual_array
 from fx_beam.fem.scene_data import Data, form_data
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
+from fx_beam.scene.structure import OtherStructureError
 
 from .model import Model, damped, sticks
 
@@ -33,7 +33,8 @@ def _check(model: Model, data: Data) -> None:
     model.forms.check(data.forms)
     if data.masses is not known.masses:
         model.masses.check(data.masses)
-    data.arms.check(known.arms)
+    if data.arms.keys() != known.arms.keys():
+        raise OtherStructureError("other joints have offsets")
     for old, new in ((known.loads, data.loads), (known.natural, data.natural)):
         if new is not old:
             old.check(new)
@@ -52,7 +53,7 @@ def numbers_of(model: Model, data: Data) -> dict[str, MaybeDual]:
         numbers["axis"] = dual_array(axes).reshape(-1, 2)
         numbers["rest"] = [joint.start()[0] for joint in moving]
     if couplings.gears:
-        numbers["gears"] = dual_array(numbers_of_gears(scene))
+        numbers["gears"] = dual_array(data.gears)
     if couplings.sliding:
         joints = {joint.number: joint for joint in sliding_joints(scene.joints)}
         sliding = [joints[joint.number] for joint in couplings.sliding]

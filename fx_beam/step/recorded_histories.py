@@ -57,16 +57,15 @@ class RecordedHistories(Mapping):
         impact: float,
         late_accelerations: Callable[[], np.ndarray] | None = None,
     ):
-        self._model, self._rows, self._turns = model, rows, turns
+        self._model, self._data, self._rows, self._turns = model, model.data, rows, turns
         self._fitted_rows, self._t_level, self._impact = fitted, t_level, impact
         self._known: dict[str, object] = {"t": t}
         self._late_accelerations = late_accelerations
 
     def __getitem__(self, name: str) -> Any:
-        with self._model.forms.reading:
-            if name not in self._known:
-                self._known[name] = self._made(name)
-            return self._known[name]
+        if name not in self._known:
+            self._known[name] = self._made(name)
+        return self._known[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys([*HISTORIES, *_OTHERS]))
@@ -106,19 +105,23 @@ class RecordedHistories(Mapping):
 
     @cached_property
     def _fitted(self) -> _ByName:
-        return self._rows if self._fitted_rows is None else self._fitted_rows()
+        if self._fitted_rows is None:
+            return self._rows
+        with self._model.reading(self._data):
+            return self._fitted_rows()
 
     def fit(self) -> None:
         """Fit the rates now: they depend on the joints of the scene, which may be changed."""
-        with self._model.forms.reading:
-            _ = self._fitted
+        _ = self._fitted
 
     def _recorded(self, name: str) -> np.ndarray | None:
         if name not in self._rows:
             return None
         if name == "a" and self._late_accelerations is not None:
-            self._rows["a"][0] = self._late_accelerations()
-            self._late_accelerations = None
+            with self._model.reading(self._data):
+                if self._late_accelerations is not None:  # no other thread was first
+                    self._rows["a"][0] = self._late_accelerations()
+                    self._late_accelerations = None
         return (self._fitted if name in _FITTED else self._rows)[name]
 
     def _made(self, name: str) -> object:

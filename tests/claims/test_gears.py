@@ -374,3 +374,21 @@ def test_what_is_no_gear_is_refused():
         fb.simulate(held, dt=0.1, t_end=0.1)
     with pytest.raises(ValueError, match="not in this solution|not a joint of this solution"):
         fb.simulate(wheels(0.1, 0.1)[0], dt=0.1, t_end=0.1).joint(gear)
+
+
+def test_friction_that_sticks_is_damped_by_the_gears_of_its_own_scene():
+    """Also where the set-up has served a scene with another ratio."""
+
+    def damping(ratio):
+        scene = fb.Scene()
+        wheels = [scene.add_body((x, 0), mass=1.0, inertia=J) for x, J in ((0, 0.1), (2, 0.3))]
+        friction = fb.Coulomb(0.5, stiffness=100.0, radius=0.1)
+        first = scene.add_joint(fb.Revolute(fb.GROUND, wheels[0].centre, friction=friction))
+        second = scene.add_joint(fb.Revolute(fb.GROUND, wheels[1].centre))
+        scene.add_joint(fb.Gear(first, second, ratio))
+        stats = fb.simulate(scene, dt=0.01, t_end=0.02).stats
+        return stats.friction_damping["joint 0 rotation"][0]
+
+    for ratio in (-2.0, -20.0, -3.0):
+        inertia = 0.1 + ratio**2 * 0.3
+        assert damping(ratio) == pytest.approx(2 * (inertia / 100.0) ** 0.5, rel=1e-12)

@@ -331,12 +331,12 @@ def test_sweeps_set_numbers_only_and_give_the_same():
         assert row["end"] == measured(case)["end"]
 
 
-def test_a_solution_in_use_keeps_its_set_up():
-    """Its resultants are computed when they are asked for."""
+def test_solutions_of_a_sweep_that_are_kept_share_a_set_up():
+    """Their resultants are computed when they are asked for."""
     solutions = []
     with ThreadPoolExecutor(1) as executor:
         fb.sweep(lambda case: measured(case, solutions), CASES, executor=executor)
-    assert solutions[1].stats.setup_reason == "the last solution is still in use"
+    assert [s.stats.setup_reason for s in solutions] == ["the first scene", "", ""]
     for solution, case in zip(solutions, CASES, strict=True):
         alone = fb.simulate(pendulum(case["x"])[0], dt=0.01, t_end=0.1)
         assert (solution.resultants("beam 1").M == alone.resultants("beam 1").M).all()

@@ -157,6 +157,7 @@ def test_functions_that_give_the_same_are_written_once(kind, monkeypatch):
     same = LAWS[kind]()
     for made, count in ((LAWS[kind], 2), (LAWS[kind], 7), (lambda: same, 7)):
         signed.clear()
+        monkeypatch.setattr(RECENT, "_waiting", [])  # each scene is set up anew
         solution = fb.simulate(row_of(count, kind, made), dt=1e-3, t_end=0.02)
         counts.append(len(signed))
         motions.append(solution.q)

@@ -1,0 +1,124 @@
+"""Solutions that are kept, and read when their set-up has served other scenes, to the digit."""
+
+import threading
+
+import numpy as np
+import pytest
+from registry import ONES, SCENES
+from scenes import pinned_bar
+
+import fx_beam as fb
+
+
+def all_that_is_read(solution):
+    """Arrays of a solution by name, above all what is computed when it is read."""
+    arrays = {name: solution.recorded(name) for name in ("q", "v", "a", "joint_forces")}
+    arrays |= {"reactions": solution.reactions, "energy": solution.energy.total}
+    for name in solution.beams:
+        resultants = solution.resultants(name)
+        arrays |= {f"{name} {part}": getattr(resultants, part) for part in "NQM"}
+        try:
+            ends = resultants.ends
+        except ValueError:  # loads of which no history is known
+            continue
+        arrays |= {f"{name} {part} at ends": getattr(ends, part) for part in "NQM"}
+    return arrays
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_solutions_of_a_scene_with_other_numbers_stay_what_they_are(name):
+    case, others = SCENES[name], 1.0 - 0.004 * np.arange(len(ONES))
+    expected = [all_that_is_read(case.simulate(x)) for x in (ONES, others)]
+    kept = [case.simulate(x) for x in (ONES, others)]
+    for solution, arrays in zip(kept, expected, strict=True):
+        values = all_that_is_read(solution)
+        for key, array in arrays.items():
+            np.testing.assert_array_equal(values[key], array, err_msg=key)
+
+
+def bar(EI, elements=4, load=None):
+    """A heavy bar that swings on a spring, both of which are the stiffer the larger EI is."""
+    section = fb.Section(EA=1e4, GA=1e4, EI=EI, rhoA=1.0, rhoI=0.1)
+    scene, beam = pinned_bar((2, 1), section, elements=elements, gravity=(0.0, -9.81))
+    scene.add_spring(beam.end, y=fb.Spring(EI))
+    if load is not None:
+        scene.add_moment(beam.end, load)
+    return scene
+
+
+def motion(EI, **options):
+    return fb.simulate(bar(EI, **options), dt=0.01, t_end=0.1)
+
+
+STIFFNESSES = [10.0 + k for k in range(6)]
+
+
+def test_a_list_of_solutions_needs_one_set_up():
+    solutions = [motion(EI) for EI in STIFFNESSES]
+    assert [bool(solution.stats.setup_reason) for solution in solutions] == [True] + [False] * 5
+    for solution, EI in zip(solutions, STIFFNESSES, strict=True):
+        alone = all_that_is_read(motion(EI))
+        for key, array in all_that_is_read(solution).items():
+            np.testing.assert_array_equal(array, alone[key], err_msg=key)
+
+
+def test_a_load_may_read_an_earlier_solution_of_its_own_set_up():
+    """In the middle of the steps that the set-up takes with other numbers."""
+    earlier = motion(10.0, load=lambda t: t)
+    moment = motion(10.0, load=lambda t: t).resultants("beam 1").M[-1, 0]
+    read = []
+
+    def load(t):
+        if t > 0.05 and not read:
+            read.append(earlier.resultants("beam 1").M[-1, 0])
+        return 2 * t
+
+    disturbed = fb.simulate(bar(12.0, load=load), dt=0.01, t_end=0.1, tolerance=1e-4)
+    expected = fb.simulate(bar(12.0, load=lambda t: 2 * t), dt=0.01, t_end=0.1, tolerance=1e-4)
+    assert read == [moment]
+    np.testing.assert_array_equal(disturbed.q, expected.q)
+
+
+def test_threads_read_solutions_while_their_set_up_takes_steps():
+    expected = [all_that_is_read(motion(EI)) for EI in STIFFNESSES]
+    solutions = [motion(EI) for EI in STIFFNESSES]
+    by_thread, going = [[], []], threading.Event()
+
+    def read(arrays_read):
+        going.wait()
+        for solution in solutions:
+            arrays_read.append(all_that_is_read(solution))
+
+    threads = [threading.Thread(target=read, args=(arrays_read,)) for arrays_read in by_thread]
+    for thread in threads:
+        thread.start()
+    going.set()
+    later = [motion(EI) for EI in STIFFNESSES]
+    for thread in threads:
+        thread.join()
+    by_thread.append([all_that_is_read(solution) for solution in later])
+    for arrays_read in by_thread:
+        for arrays, expected_arrays in zip(arrays_read, expected, strict=True):
+            for key, array in arrays.items():
+                np.testing.assert_array_equal(array, expected_arrays[key], err_msg=key)
+
+
+def test_a_response_has_its_own_derivatives_after_a_solution_of_it_was_read():
+    solutions = []
+
+    def build(x):
+        scene = bar(x[0])
+        return scene, {
+            "M": lambda solution: solutions.append(solution) or solution.t,
+            "tip": fb.Output("position", scene.beams[0].end),
+        }
+
+    run = fb.Response(build, dt=0.01, t_end=0.1)
+    run([10.0])
+    run([12.0])
+    tip = run.jacobian("tip")["tip"]
+    run([10.0])
+    run([12.0])
+    for solution in solutions:
+        all_that_is_read(solution)
+    np.testing.assert_array_equal(run.jacobian("tip")["tip"], tip)
