@@ -217,7 +217,7 @@ def load(
     target, flags = target_flags()
     flags = [*flags, *_known_flags(extra_flags)]
     # Libraries for "native" are valid only for processors with the same features.
-    headers, processor = _origin()
+    headers, processor = compiled((_origin,), _origin)
     machine = [processor] if target == "native" else []
     parts = [key, headers, *flags, *machine, compiler.identity()]
     digest = hashlib.sha256("\n".join(parts).encode("utf-8", "surrogateescape"))
@@ -309,7 +309,6 @@ class _Origin(NamedTuple):
     processor: str
 
 
-@functools.cache
 def _origin() -> _Origin:
     headers = "\n".join(path.read_text() for path in sorted(SOURCES.glob("*.h")))
     lines = list[str]()

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -292,10 +292,24 @@ def flag(**default: object) -> Any:
     return _field(is_flag, "True or False", bool, default)
 
 
+class FieldKinds(NamedTuple):
+    """Names of the fields of a dataclass that are structure, and numbers."""
+
+    structure: list[str]
+    numbers: list[str]
+    #: Names of checked fields, their checks, and whether they are numbers.
+    checks: list[tuple[str, Check, bool]]
+
+
 @functools.cache
-def _checks(kind: type) -> list[tuple[str, Check, bool]]:
-    checked = [f for f in fields(kind) if "check" in f.metadata]
-    return [(f.name, f.metadata["check"], "number" in f.metadata) for f in checked]
+def field_kinds(kind: type) -> FieldKinds:
+    """Kinds of the fields of a dataclass."""
+    names: tuple[list[str], list[str]] = [], []
+    for part in fields(kind):
+        names["number" in part.metadata].append(part.name)
+    checked = [part for part in fields(kind) if "check" in part.metadata]
+    checks = [(part.name, part.metadata["check"], part.name in names[1]) for part in checked]
+    return FieldKinds(*names, checks)
 
 
 def check_fields(part, name: str = "") -> None:
@@ -304,7 +318,7 @@ def check_fields(part, name: str = "") -> None:
     Numbers become floats. Errors begin with `name`, by default that of the class.
     """
     kind: Any = type(part)
-    for key, check, is_real in _checks(kind):
+    for key, check, is_real in field_kinds(kind).checks:
         value = getattr(part, key)
         # Quickly, as in scenes of many springs.
         if not (is_real and type(value) is float and 0 < value <= LARGEST):

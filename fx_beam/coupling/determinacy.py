@@ -12,9 +12,9 @@ import scipy.sparse
 from scipy.linalg import block_diag
 from scipy.sparse.linalg import splu
 
-from fx_beam.content_cache import cached_by_content
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
+from fx_beam.fem.sparsity import connected_parts
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
@@ -87,17 +87,11 @@ def _inertia(scene: Scene, mesh: Mesh, mass: scipy.sparse.csr_matrix) -> np.ndar
     return diagonal
 
 
-@cached_by_content
-def _connected(indptr: np.ndarray, indices: np.ndarray) -> tuple[int, np.ndarray]:
-    """Number of the parts that a sparsity couples, and the part of each row."""
-    graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr))
-    return scipy.sparse.csgraph.connected_components(graph, directed=False)
-
-
 def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
     """The parts of a scene; None if all of them have mass and rotary inertia."""
-    count, part_of_dof = _connected(stiffness.indptr, stiffness.indices)
-    part_of_node, X = part_of_dof[::3], mesh.X
+    rows, X = np.repeat(np.arange(mesh.dofs.size), np.diff(stiffness.indptr)), mesh.X
+    part_of_node = connected_parts(np.array([rows, stiffness.indices]), mesh.dofs.size)[::3]
+    count = part_of_node.max() + 1
     free = np.ones((count, 3), dtype=bool)
     if inertia is not None:
         heavy, turning = np.flatnonzero(inertia[:, 0]), np.flatnonzero(inertia[:, 2])

@@ -98,10 +98,10 @@ class CriticalLoad:
 
         In the complement of the null vector if K is singular.
         """
-        right_side, K = self._unit * state_gradient, self._linear.K
+        right_side = self._unit * state_gradient
         if self._square:
             unit = scipy.sparse.diags(self._unit)
-            return self._unit * pivoted_lu((unit @ K @ unit).T).solve(right_side)
+            return self._unit * pivoted_lu((unit @ self._linear.K @ unit).T).solve(right_side)
         rows = [[self._B.T, self._right[:, None]], [self._left[None, :], None]]
         weights = pivoted_lu(scipy.sparse.bmat(rows)).solve(np.append(right_side, 0.0))
         return self._unit * weights[:-1]

@@ -105,7 +105,10 @@ class TangentSteps:
         points, weights = _SECOND if curved else self._first
         largest = abs(directions / self.unit).max(axis=1)
         most = _OF_SECOND if curved else self._distance_at_most
-        distances = [self._distance(direction, most) for direction in directions / largest[:, None]]
+        distances, model = np.full(len(directions), most), self._linear.model
+        if sum(model.points.switch_counts) or model.couplings.sliding:
+            columns = directions / largest[:, None] @ self._linear.columns.T
+            distances[:] = [self._distance(moved, most) for moved in columns]
         sizes = (distances / largest)[:, None]
         moves = ((sizes * points)[..., None] * directions[:, None]).reshape(-1, directions.shape[1])
         times = [time, 2 * time] if self.damped else [0.0]
@@ -115,16 +118,14 @@ class TangentSteps:
         moves, shares = np.tile(moves, (len(kinds), 1)), weights / sizes ** (1 + curved)
         return Steps(moves, lengths, factors, rows, np.tile(shares.ravel(), len(kinds)))
 
-    def _distance(self, direction: np.ndarray, most: float) -> float:
-        """Distance of steps along a direction (free,), within which no contact opens or closes.
+    def _distance(self, columns: np.ndarray, most: float) -> float:
+        """Distance of steps that move `columns` (n,), within which no contact opens or closes.
 
         And no node slides off its element, or along a member that it touches to another piece.
         """
-        linear, model, start = self._linear, self._linear.model, self._start
-        if not (sum(model.points.switch_counts) or model.couplings.sliding):
-            return most
+        model, start = self._linear.model, self._start
         reduction, points = model.reduction, self._first[0]
-        columns, driven = linear.columns @ direction, np.zeros(reduction.driven)
+        driven = np.zeros(reduction.driven)
         reach = reduction.reach(start.slides, points[-1] * columns)
         distance = max(min(most, 0.9 * reach), _ON_ELEMENT)
         at_start, members = model.kinks.switches(start), model.points.members

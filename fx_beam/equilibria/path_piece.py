@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -148,56 +147,67 @@ class Bracket(NamedTuple):
     growing: float = 0.0
 
 
+class _Counted(NamedTuple):
+    """A distance, and how many modes grow there."""
+
+    distance: float
+    growing: Growing
+
+
 def brackets_of(piece: Piece, first_count: int, last_count: int) -> list[Bracket]:
     """Where the number of modes that grow changes, from its values in the rows before and after."""
-    length, low, high, brackets = piece.length, piece.first, piece.length, list[Bracket]()
+    length, brackets = piece.length, list[Bracket]()
 
-    @functools.cache
-    def growing(distance: float) -> Growing:
-        return piece.motions.growing(piece.at(distance), piece.stiffness(distance))
+    def counted(distance: float) -> _Counted:
+        growing = piece.motions.growing(piece.at(distance), piece.stiffness(distance))
+        return _Counted(distance, growing)
 
-    def intervals(low: float, high: float, exact: float) -> list[tuple[float, float]]:
+    def intervals(low: _Counted, high: _Counted, exact: float) -> list[tuple[_Counted, _Counted]]:
         """Intervals in which the numbers change, by one mode if longer than SAME."""
-        changed = sum(abs(a - b) for a, b in zip(growing(low), growing(high), strict=True))
+        changed = sum(abs(a - b) for a, b in zip(low.growing, high.growing, strict=True))
+        extent = high.distance - low.distance
         if changed == 0:
             return []
-        if high - low <= (exact if changed == 1 else min(exact, SAME * length)):
+        if extent <= (exact if changed == 1 else min(exact, SAME * length)):
             return [(low, high)]
-        middle = low + _SPLIT * (high - low)
         try:
+            middle = counted(low.distance + _SPLIT * extent)
             return [*intervals(low, middle, exact), *intervals(middle, high, exact)]
         except StepFailed:
             # So near to a point with several modes the tangent may be too singular for a state.
-            if high - low > exact:
+            if extent > exact:
                 raise
             return [(low, high)]
 
     # A row may lie at a point.
     end_distance = _PLACE * _APART * length
-    if (count := sum(growing(low))) != first_count:
+    low, high = counted(piece.first), counted(length)
+    if (count := sum(low.growing)) != first_count:
         if piece.kinked:
             few, many = sorted((first_count, count))
-            brackets.append(Bracket(low, high, 0.0, few, many))
+            brackets.append(Bracket(low.distance, length, 0.0, few, many))
         else:  # and another one just before it
-            earlier = low - end_distance
-            low = earlier if sum(growing(earlier)) == first_count else low - _BESIDE_STEP * length
-    if abs((ahead := sum(growing(high))) - first_count) > abs(last_count - first_count):
-        high -= end_distance  # a limit point at its end is one of the next step
+            earlier = counted(low.distance - end_distance)
+            is_before = sum(earlier.growing) == first_count
+            low = earlier if is_before else counted(low.distance - _BESIDE_STEP * length)
+    if abs((ahead := sum(high.growing)) - first_count) > abs(last_count - first_count):
+        high = counted(length - end_distance)  # a limit point at its end is one of the next step
     elif ahead != last_count and not piece.kinked:
-        high += _BESIDE_STEP * length
+        high = counted(length * (1 + _BESIDE_STEP))
     places = intervals(low, high, end_distance)
-    for place in places:
-        gaps = [max(place[0] - b, a - place[1]) for a, b in places]
+    for first, last in places:
+        gaps = [max(first.distance - b.distance, a.distance - last.distance) for a, b in places]
         apart = _OF_GAP * min([gap for gap in gaps if gap > SAME * length], default=length)
         apart = min(apart, _APART * length)
-        meet = growing(place[0]).vibrating != growing(place[1]).vibrating
-        for ends in intervals(*place, _FLUTTER * length if meet else _PLACE * apart):
-            first, last = map(growing, ends)
-            flutter = first.vibrating != last.vibrating
+        meet = first.growing.vibrating != last.growing.vibrating
+        for ends in intervals(first, last, _FLUTTER * length if meet else _PLACE * apart):
+            before, after = (end.growing for end in ends)
+            flutter = before.vibrating != after.vibrating
             which = 0 if flutter else 1
-            numbers = {first[which]: ends[0], last[which]: ends[1]}
+            numbers = {end.growing[which]: end.distance for end in ends}
             few, many = min(numbers), max(numbers)
-            brackets.append(Bracket(*ends, apart, few, many, flutter, numbers[many]))
+            low_end, high_end = (end.distance for end in ends)
+            brackets.append(Bracket(low_end, high_end, apart, few, many, flutter, numbers[many]))
     return brackets
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from importlib import import_module
 from typing import Any
 
@@ -51,7 +50,6 @@ def _values_at_points(points: int, *shape: int):
     return ufl.FiniteElement(kind, cell, degree, quad_scheme="default")
 
 
-@functools.cache
 def domain(degree: int):
     """UFL's mesh of intervals in the plane, for forms that are compiled without a mesh."""
     return ufl.Mesh(lagrange(degree, 2))
@@ -63,6 +61,7 @@ class Symbols:
     def __init__(self, domain: Any):
         #: UFL's mesh.
         self.domain = domain
+        self._coefficients = _coefficients()
 
     def space(self, element: Any) -> Any:
         """A space of functions."""
@@ -70,7 +69,7 @@ class Symbols:
 
     def coefficient(self, space: Any) -> Any:
         """A function."""
-        return _coefficients()(space)
+        return self._coefficients(space)
 
     def constant(self, *shape: int) -> Any:
         """Numbers that are constant on the mesh."""
@@ -101,7 +100,6 @@ class Symbols:
         return self.coefficient(self.gauss_space(points, *shape))
 
 
-@functools.cache
 def _coefficients() -> type:
     class Coefficient(ufl.Coefficient):
         """A function whose name may stand in C; FFCx 0.5 takes UFL's own, w_{10}."""

@@ -6,7 +6,6 @@ is all that a process needs to know. Functions of one element are compiled where
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 from collections.abc import Callable, Mapping
@@ -93,7 +92,8 @@ def form_module(key: object, write: Callable[[], Written]) -> FormModule:
 
 
 def _loaded(key: object, write: Callable[[], Written]) -> FormModule:
-    name = hashlib.sha256(repr((key, _origin())).encode()).hexdigest()[:32]
+    origin = compiled((_origin,), _origin)
+    name = hashlib.sha256(repr((key, origin)).encode()).hexdigest()[:32]
     file = f"{name}.forms"
 
     def loader(path: Path) -> dict:
@@ -110,7 +110,6 @@ def _loaded(key: object, write: Callable[[], Written]) -> FormModule:
     return FormModule(name, library_cache.loaded(file, loader, builder))
 
 
-@functools.cache
 def _origin() -> tuple:
     """Digest of the files in which forms are written, and the places of UFL and FFCx."""
     texts = (path.read_bytes() for pattern in _WRITERS for path in sorted(_PACKAGE.glob(pattern)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -39,6 +40,12 @@ from fx_beam.scene.scene import Scene
 
 from .mesh import Mesh, rotation_of
 from .point_forces import Load, PointForce, Role
+
+
+@functools.cache
+def _once(make: Callable[..., Any], *facts: Any) -> Any:
+    """A law or a kind of coordinate by its facts, made once for all scenes."""
+    return make(*facts)
 
 
 class SceneForces:
@@ -90,7 +97,7 @@ class SceneForces:
         shape, half = obstacle.shape, obstacle.radii
         assert not isinstance(shape, Beam)
         carried = shape.carrier is not None
-        kind = gap_of(shape.name, count, carried, friction is not None, thick)
+        kind = _once(gap_of, shape.name, count, carried, friction is not None, thick)
         carrier = mesh.dofs[shape.carrier.number].tolist() if shape.carrier is not None else []
         carrier = carrier[: kind.size - count * (3 if thick else 2)]
         expressions = [bool(loss_numbers), *functions_of_energy(obstacle.energy, None, 1)]
@@ -126,14 +133,16 @@ class SceneForces:
             if first < end:
                 numbers = [alpha * number for number in (mass, inertia) if number]
                 dofs = mesh.dofs[node, first:end].tolist()
-                yield PointForce(drag(bool(mass), False, bool(inertia)), numbers, dofs)
+                yield PointForce(_once(drag, bool(mass), False, bool(inertia)), numbers, dofs)
         for scene_drag in scene.drags:
             if isinstance(scene_drag.target, Node):
                 numbers = [*scene_drag.linear, *scene_drag.quadratic, *scene_drag.rotation]
                 linear, quadratic, rotation = parts = [*map(bool, numbers)]
                 first, end = 0 if linear or quadratic else 2, 3 if rotation else 2
                 dofs = mesh.dofs[scene_drag.target.number, first:end].tolist()
-                yield PointForce(drag(*parts), [number for number in numbers if number], dofs)
+                yield PointForce(
+                    _once(drag, *parts), [number for number in numbers if number], dofs
+                )
 
     def _joint_forces(self) -> Iterator[PointForce]:
         """Springs, dampers, friction and stops on the coordinates of joints."""
@@ -166,7 +175,7 @@ class SceneForces:
                 moves = self._mobility[moving].sum()
                 tau, mu, stiffness = friction_numbers(friction, 1.0, moves)
                 numbers = [tau, mu * (friction.radius or 1.0), stiffness]
-                yield PointForce(laws.joint_friction(kind), numbers, load=load, **place)
+                yield PointForce(_once(laws.joint_friction, kind), numbers, load=load, **place)
 
     def _lines(self) -> Iterator[PointForce]:
         """Forces along lines between points, and to the ground."""
@@ -192,7 +201,7 @@ class SceneForces:
 
             ends = zip(force.nodes, force.kinds, strict=True)
             dofs = [table[node, : 3 if kind == "D" else 2] for node, kind in ends if node >= 0]
-            return rope_over(force.kinds), force.numbers, np.concatenate(dofs).tolist()
+            return _once(rope_over, force.kinds), force.numbers, np.concatenate(dofs).tolist()
         apart = [component for vector in force.apart for component in vector]  # with slopes
         dofs = table[[node for node in force.nodes if node >= 0], :2].ravel().tolist()
         return LENGTH, apart, dofs
@@ -220,7 +229,7 @@ class SceneForces:
         k, rest = (spring.stiffness, spring.rest) if spring else (0.0, 0.0)
         c = damper.viscosity if damper else 0.0
         if k or c:
-            yield laws.spring(kind, bool(c)), [k, rest, c] if c else [k, rest]
+            yield _once(laws.spring, kind, bool(c)), [k, rest, c] if c else [k, rest]
 
         def shared(law: Callable, *functions: Any) -> PointLaw:
             return self._shared(law, kind, functions_of(coordinate), *functions)
@@ -231,7 +240,7 @@ class SceneForces:
             losses = numbers_of_loss(stop, self._at_rest)
             for sign, limit in ((1, stop.lower), (-1, stop.upper)):
                 if limit is not None:
-                    law = laws.stop(kind, sign, bool(losses))
+                    law = _once(laws.stop, kind, sign, bool(losses))
                     yield law, [stop.stiffness, *losses, limit]
         if damper is not None and damper.law is not None:
             yield shared(laws.damper_law, damper.law), []
@@ -239,7 +248,7 @@ class SceneForces:
             if callable(friction.force):
                 yield shared(laws.friction_law, friction.force), [friction.speed]
             else:
-                yield laws.friction(kind), [friction.speed, friction.force]
+                yield _once(laws.friction, kind), [friction.speed, friction.force]
 
 
 def _place_on(joint: Joint, coordinate: str) -> tuple[CoordinateKind, dict[str, Any]]:

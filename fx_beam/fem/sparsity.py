@@ -8,6 +8,8 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
+from fx_beam.content_cache import cached_by_content
+
 #: Sparsity (indptr, indices) of a matrix in compressed rows.
 Pattern = tuple[np.ndarray, np.ndarray]
 
@@ -29,9 +31,10 @@ def sparsity(rows: np.ndarray, columns: np.ndarray, n: int) -> tuple[Pattern, np
     return (indptr, columns.astype(np.int32)), position.astype(np.int32, copy=False)
 
 
-def connected_parts(pairs: Sequence[np.ndarray] | np.ndarray, count: int) -> np.ndarray:
+@cached_by_content
+def connected_parts(pairs: np.ndarray, count: int) -> np.ndarray:
     """Number (count,) of the part to which each node belongs; pairs (2, n) are connected."""
-    graph = scipy.sparse.coo_matrix((np.ones(len(pairs[0])), tuple(pairs)), (count, count))
+    graph = scipy.sparse.coo_matrix((np.ones(pairs.shape[1]), tuple(pairs)), (count, count))
     return connected_components(graph, directed=False)[1]
 
 

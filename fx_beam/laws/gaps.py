@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -100,7 +99,6 @@ class _ShapeLaw(NamedTuple):
     slip: Callable[[_Meeting], Slip]
 
 
-@functools.cache
 def gap_of(
     shape: str, nodes: int = 1, carried: bool = False, slips: bool = False, thick: bool = False
 ) -> CoordinateKind:

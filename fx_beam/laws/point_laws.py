@@ -238,7 +238,6 @@ def _with_slope(
     return y + slope * (x - still), [ufl.as_ufl(1.0), still, y, slope]
 
 
-@functools.cache
 def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
     """(linear + quadratic |v|) v and a moment against the spin, at the scheme's level.
 

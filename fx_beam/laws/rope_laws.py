@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -86,7 +85,6 @@ def _along(d: list[Expr], size: Expr, t: Expr, q: Expr) -> list[Expr]:
     return [(t * d[0] - q * d[1]) / square, (t * d[1] + q * d[0]) / square]
 
 
-@functools.cache
 def rope_over(kinds: str) -> CoordinateKind:
     """Length of a rope over points and circles, by their kinds (`RopeOverPulleys.kinds`).
 

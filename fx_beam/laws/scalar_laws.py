@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -129,7 +128,6 @@ def _point_law(
 # -- Springs ------------------------------------------------------------------------------------
 
 
-@functools.cache
 def spring(kind: CoordinateKind, damped: bool) -> PointLaw:
     """A linear spring; numbers: stiffness, rest, and viscosity if it is `damped`."""
 
@@ -232,13 +230,11 @@ def damper_law(kind: CoordinateKind, law: Callable[[Expr], Expr]) -> PointLaw:
     )
 
 
-@functools.cache
 def friction(kind: CoordinateKind) -> PointLaw:
     """Coulomb's friction, regularised: F tanh(rate / speed); numbers: speed, F."""
     return _friction(kind, lambda rate, F: F, 1)
 
 
-@functools.cache
 def joint_friction(kind: CoordinateKind) -> PointLaw:
     """Friction that sticks, of a joint under its own force; numbers: tau, limit of unit force, kt.
 
@@ -319,7 +315,6 @@ def contact(kind: CoordinateKind, loses: bool = False, energy: Energy | None = N
     return _one_sided(kind, "law of contact", loses, energy=energy)
 
 
-@functools.cache
 def stop(kind: CoordinateKind, sign: int, loses: bool = False) -> PointLaw:
     """A stop of a coordinate at its lower (sign 1) or upper (-1) limit, or a contact (0).
 

@@ -70,13 +70,13 @@ class Linearisation:
         """Coupling (size, free): motions of the nodes are T times the unknowns."""
         return self.coupling.matrix[:, self.unknowns]
 
-    @cached_property
+    @property
     def columns(self) -> scipy.sparse.csr_matrix:
         """Matrix (columns, free) that gives all columns of the model from the unknowns."""
         count = self.model.reduction.columns
         return self.coupling.dependence_matrix[:count, self.unknowns]
 
-    @cached_property
+    @property
     def K(self) -> scipy.sparse.csr_matrix:
         """Stiffness (free, free)."""
         return self.stiffness.matrix

@@ -7,17 +7,16 @@ All that a scene has is structure, and must be equal, except fields that are mar
 
 from __future__ import annotations
 
-import functools
 import itertools
 import operator
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from typing import Any
 
 import numpy as np
 
 from fx_beam.dual import DualFloat
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, field_kinds
 
 from .beam import Node
 from .coordinate import functions_of
@@ -107,7 +106,8 @@ def _difference(form: object, known: object) -> str:
             return " has another length"
         names = [f"[{i}]" for i in range(len(form))]
     elif isinstance(form, _Form) and isinstance(known, _Form) and form[0] is known[0]:
-        names = [f".{name}" for kind_names in _fields(form[0]) or () for name in kind_names]
+        named = field_kinds(form[0])
+        names = [f".{name}" for name in (*named.structure, *named.numbers)]
         form, known = form[1:], known[1:]
     else:
         return " differs"
@@ -132,14 +132,14 @@ def _form(value: object, known_forms: dict[int, _Form]) -> object:
         return value
     if isinstance(value, Node):
         return value.number
-    if (names := _fields(kind)) is not None:
+    if is_dataclass(value):
         if (form := known_forms.get(id(value))) is None:
-            values, (structure, numbers) = vars(value), names
+            values, named = vars(value), field_kinds(kind)
             parts = [
                 part if type(part := values[name]) in _PLAIN else _form(part, known_forms)
-                for name in structure
+                for name in named.structure
             ]
-            for name in numbers:
+            for name in named.numbers:
                 number = values[name]
                 is_scalar = type(number) in _SCALARS or callable(number)
                 parts.append(() if is_scalar else _form_of_number(number))
@@ -156,17 +156,6 @@ def _form(value: object, known_forms: dict[int, _Form]) -> object:
         return [(key, _form(part, known_forms)) for key, part in value.items()]
     # A function that is not listed is always another one.
     return object() if callable(value) else value
-
-
-@functools.cache
-def _fields(kind: type) -> tuple[list[str], list[str]] | None:
-    """Names of the fields of a dataclass that are structure, and numbers; None for others."""
-    if not is_dataclass(kind):
-        return None
-    names: tuple[list[str], list[str]] = [], []
-    for field in fields(kind):
-        names["number" in field.metadata].append(field.name)
-    return names
 
 
 def _form_of_number(number: Any) -> object:

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from fx_beam.content_cache import cached_by_content
 from fx_beam.fem.sparsity import connected_parts
 from fx_beam.results.state import State
 from fx_beam.scene.joints import GROUND
@@ -77,14 +76,9 @@ def _members(model: Model) -> list[np.ndarray]:
             counted |= {*ends}
     counted |= {node.number for gear in scene.gears for node in gear.nodes} - {GROUND.number}
     counted |= {node for f in scene.forces_between for node, _ in getattr(f, "drums", ())}
-    free = _turning(len(mesh.X), np.concatenate(a), np.concatenate(b), tuple(sorted(counted)))
-    return [3 * nodes + _ROTATION for nodes in free]
-
-
-@cached_by_content
-def _turning(n: int, i: np.ndarray, j: np.ndarray, counted: tuple[int, ...]) -> list[np.ndarray]:
-    """Groups of n nodes that pairs i, j connect, without groups that have a `counted` node."""
-    group_numbers = connected_parts((i, j), n)
-    counts, order = set(group_numbers[list(counted)]), np.argsort(group_numbers, kind="stable")
-    members = np.split(order, np.cumsum(np.bincount(group_numbers))[:-1])
-    return [nodes for m, nodes in enumerate(members) if m not in counts]
+    pairs = np.array([np.concatenate(a), np.concatenate(b)])
+    group_numbers = connected_parts(pairs, len(mesh.X))
+    order = np.argsort(group_numbers, kind="stable")
+    groups = np.split(order, np.cumsum(np.bincount(group_numbers))[:-1])
+    counted_groups = set(group_numbers[list(counted)])
+    return [3 * nodes + _ROTATION for i, nodes in enumerate(groups) if i not in counted_groups]
