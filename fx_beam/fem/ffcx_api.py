@@ -37,6 +37,10 @@ if "parameters" not in inspect.signature(analyze_ufl_objects).parameters:
 _HEADERS = "math.h", "stdalign.h", "stdlib.h", "string.h"
 # Generated code with functions of one element; the first two are what version 0.5 refers to in it.
 _BLOCKS = "elements", "dofmaps", "integrals", "expressions"
+if find_spec("ffcx.parameters"):  # 0.5 refuses to compare Gauss rules of different lengths
+    from ffcx.element_interface import QuadratureElement
+
+    QuadratureElement.__eq__ = lambda a, b: repr(a) == repr(b)
 _FUNCTION = re.compile(r"void (tabulate_tensor_\w+)\(([^)]*)\)")
 
 

@@ -60,6 +60,17 @@ def test_the_part_of_the_mass_damps_rigid_motions_and_that_of_the_stiffness_does
     assert kept.v[-1] == pytest.approx(kept.v[0], abs=1e-10)
 
 
+def test_a_beam_of_degree_two_whose_stiffness_and_mass_vary_is_slowed_as_one_mass():
+    """Its data stand on Gauss rules of two and of three points, side by side."""
+    section = fb.Section.rectangle(lambda f: 0.1 - 0.05 * f, 0.05, **fb.materials.steel)
+    scene, beam = one_bar((1, 0), section, elements=2, degree=2)
+    scene.add_damping(mass=0.8, stiffness=1e-3)
+    scene.set_velocity(beam, (0.3, 2.0))
+    slowed = fb.simulate(scene, dt=0.01, t_end=0.1)
+    rate = 2 * ((1 - 0.8 * 0.005) / (1 + 0.8 * 0.005)) ** 10
+    assert slowed.v[-1, :, 1] == pytest.approx(np.full(5, rate), rel=1e-9)
+
+
 def test_a_turning_beam_under_the_part_of_the_stiffness_keeps_its_spin():
     section = fb.Section(EA=1e4, GA=1e4, EI=30.0, rhoA=1.0, rhoI=1e-2)
     scene, beam = one_bar([(-0.5, 0), (0.5, 0)], section, elements=4)
