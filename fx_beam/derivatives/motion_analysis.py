@@ -71,7 +71,7 @@ class MotionAnalysis(Analysis):
         run: Run = self.parameters.scenes.serve(x, self._begun, not plain)
         read = self._series.finished(run, lambda: self._rows_of(run) or run.solution())
         self.parameters.stats = run.prepared.stats
-        self.parameters.lock = run.prepared.model.lock
+        self.parameters.using = lambda: run.prepared.model.lock
         if self._series.tape is not None:
             self._series.tape.last = run.recorder.end
         if isinstance(read, Solution):
@@ -146,7 +146,8 @@ class MotionAnalysis(Analysis):
         if self.path is not None and not why_not(self.path):
             derivatives = self.parameters.derivatives
             lines = [measured for measured in self.measured if measured.law_quantity == "pull"]
-            start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
+            with self.path.in_use():
+                start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
         first = self._options.dt if self._options.tolerance is None else tape.times.first_length
         accelerations = self._accelerations_by_x(first)
         numbers_of = functools.partial(self._numbers_of, tape, first, start, accelerations)

@@ -176,7 +176,7 @@ class PeriodicAnalysis(Analysis):
             solution = self._shooting.solution(self._period)
         finally:
             self._series.give_back(self._shooting.prepared)
-        parameters.lock = self._shooting.model.lock
+        parameters.using = lambda: self._shooting.model.lock
         parameters.stats, self.t = solution.stats, solution.t[1:]
         return self.t.copy(), self.read(solution)
 

@@ -79,7 +79,8 @@ class TangentAnalysis:
             start: StateChange | None = None
             derivatives = self.parameters.derivatives
             if self._path is not None and self.linear.model.kinks.flows:
-                start = StaticDerivatives(self._path).change_of_end(derivatives, self._caller)
+                with self._path.in_use():
+                    start = StaticDerivatives(self._path).change_of_end(derivatives, self._caller)
             self._changes = derivatives(functools.partial(self._tangent.numbers_of, start=start))
         return self._changes
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse
@@ -89,6 +91,10 @@ def buckling(
     expected = "a Solution, such as that of fx_beam.static"
     require(isinstance(state, Solution | None), "buckling: state", state, expected)
     path = LoadPath(scene, StaticOptions(what="buckling", t=t), state)
+    return path.finished(partial(_modes, path, n))
+
+
+def _modes(path: LoadPath, n: int) -> BucklingModes:
     first = path.first_state()
     path.forcing.keep_start()
     path.stepper.path.held[:] = 0.0  # forces that hold the state do not fade

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -50,6 +52,8 @@ _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
 # The scheme of all equilibria.
 _AT_REST = Equilibrium()
 
+T = TypeVar("T")
+
 
 class LoadPath:
     """The equilibria of a scene, from rest, or from a start whose loads go over to its own.
@@ -74,23 +78,41 @@ class LoadPath:
         self.began = time.perf_counter()
         self._lease = model_for(connected, _AT_REST, settles=True)
         self.model: Model = (model := self._lease.set_up)
+        self._data = model.data
         self.stats = stats_of(model, solver="sparse lu", static=True)
         if options.continuation is not None and len(model.points.followed):
             raise SceneError(
                 "static: arc-length steps do not find the force of a joint that its friction "
                 "follows. Use load steps (without continuation), or fx_beam.SmoothFriction"
             )
-        turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
-        self.forcing = LoadForcing(model, options.t, turning)
-        self.stepper = LoadStepper(self.forcing, options, self.stats)
-        self._crossings = Crossings(self.stepper)
-        self.stepper.check = self._crossings.check
+        with model.lock:
+            turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
+            self.forcing = LoadForcing(model, options.t, turning)
+            self._begin_steps()
         #: Whether it warns if its last row is unstable.
         self.warns = True
         #: The states so far.
         self.states: list[State] = []
         watch.check("static")  # it calls all functions of time
         self.stats.setup_seconds = time.perf_counter() - self.began
+
+    def _begin_steps(self) -> None:
+        #: What takes the steps.
+        self.stepper = LoadStepper(self.forcing, self.options, self.stats)
+        self._crossings = Crossings(self.stepper)
+        self.stepper.check = self._crossings.check
+
+    @contextmanager
+    def in_use(self) -> Iterator[None]:
+        """A block with the numbers of this path, whatever its model has served since."""
+        with self.model.reading(self._data):
+            loop, held = self.stepper.loop, self.held
+            self.model.forms.parameters.hold(self.forcing.time)
+            if loop.problem.numbers.data is not self._data:  # a later path has what is in C
+                self.model.problems.pop(loop.problem.kind)
+                self._begin_steps()
+                self.stepper.path.held[:] = held
+            yield
 
     @property
     def held(self) -> np.ndarray:
@@ -99,6 +121,17 @@ class LoadPath:
 
     def followed(self) -> Solution:
         """The whole path. An exception has the solution of the steps before it."""
+        return self.finished(self._followed)
+
+    def finished(self, find: Callable[[], T]) -> T:
+        """What a function finds on this path, whose model serves others from then on."""
+        try:
+            with self.in_use():
+                return find()
+        finally:
+            self._lease.end()
+
+    def _followed(self) -> Solution:
         self._clock = time.perf_counter()
         bar = progress_bar(1.0, self.options.progress, bar_format=_BAR)
         self.states = states = _States(bar)
@@ -135,6 +168,9 @@ class LoadPath:
 
     def first_order(self) -> Solution:
         """The solution by small displacements about the reference."""
+        return self.finished(self._first_order)
+
+    def _first_order(self) -> Solution:
         if self.model.mechanism:
             raise SceneError(f"{self.model.mechanism}: it has no first-order equilibrium")
         self._clock = time.perf_counter()
@@ -167,17 +203,23 @@ class LoadPath:
             loads += last.added_forces
         loads += self.stepper.held_at_nodes(last)
         end = replace(last, t=self.forcing.time, loads=loads).changed(**self._inputs)
-        path = self.stability(states, lambda state: self._solution([state]))
-        later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
+        later = {
+            name: partial(self._read, name, list(states))
+            for name in ("unstable_modes", "critical_points")
+        }
         rest = Rest(self.forcing.time, recorder.t)
         solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later, rest=rest)
         solution.loads_on_nodes = self._loads_on_nodes
         return solution
 
-    def stability(self, states: list[State], solved) -> PathStability:
+    def _read(self, name: str, states: list[State]) -> Any:
+        with self.in_use():
+            stability = self.stability(states, lambda state: self._solution([state]))
+            return getattr(stability, name)()
+
+    def stability(self, states: list[State], solved: Callable[[State], Solution]) -> PathStability:
         """The stability of states, whose `solved` gives the solution of one."""
-        crossings, branches_off = self._crossings, self._branches_off
-        return PathStability(self.stepper, crossings, list(states), solved, branches_off)
+        return PathStability(self.stepper, self._crossings, states, solved, self._branches_off)
 
 
 def _end_early(stats: Stats, options: StaticOptions, factor: float) -> None:

@@ -65,6 +65,16 @@ class ParameterValues:
         return len(self.names)
 
     @property
+    def present(self) -> tuple[np.ndarray, bool]:
+        """The values (n,), and whether they are held."""
+        return self.values.copy(), self._held
+
+    @present.setter
+    def present(self, present: tuple[np.ndarray, bool]) -> None:
+        values, self._held = present
+        self.use(values)
+
+    @property
     def functions(self) -> list[Signal]:
         """Their functions of time."""
         return self.signals.functions

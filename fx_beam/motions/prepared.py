@@ -76,6 +76,11 @@ class Prepared:
             self.loop.bind(self.forcing, self.stats)
             self._begin_steps(options or self.options)
 
+    @property
+    def readers(self) -> int:
+        """Number of blocks in which something reads the model."""
+        return self.model.readers
+
     def count_turns(self, state: State, recorder: Rows) -> State | None:
         """The state without its full turns, which rows miss from here on; None if it has none.
 

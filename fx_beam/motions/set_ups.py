@@ -21,6 +21,10 @@ class SetUp(Protocol):
     def size(self) -> int:
         """Number of degrees of freedom."""
 
+    @property
+    def readers(self) -> int:
+        """Number of blocks in which something reads it."""
+
 
 T = TypeVar("T", bound=SetUp)
 
@@ -45,7 +49,7 @@ class SetUps(Generic[T]):
         """The last set-up of a kind after `bind`, or a new one and why no other one fits."""
         reason = ""
         for entry in self._waiting[::-1]:
-            if entry[0] == kind and self._take(entry):
+            if entry[0] == kind and not entry[1].readers and self._take(entry):
                 try:
                     bind(entry[1])
                 except OtherStructureError as other:

@@ -58,6 +58,8 @@ class Model:
         self.scheme, self.mesh = scheme, build_mesh(scene)
         #: Held by the thread whose run, or whose reading, needs the numbers that this has now.
         self.lock = RLock()
+        #: Number of blocks in which something reads it, beside its runs.
+        self.readers = 0
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
         if not all(joint.is_selection for joint in scene.joints):
@@ -128,16 +130,18 @@ class Model:
         """A block with the numbers of a run that has ended; then others have theirs again."""
         with self.lock:
             present, parameters = self.data, self.forms.parameters
-            if data is present:
-                yield
-                return
-            values, elsewhere = parameters.values.copy(), not data.lies_as(present)
-            self._bind(data, elsewhere)
+            others, values = data is not present, parameters.present
+            elsewhere = others and not data.lies_as(present)
+            self.readers += 1
             try:
+                if others:
+                    self._bind(data, elsewhere)
                 yield
             finally:
-                self._bind(present, elsewhere)
-                parameters.use(values)
+                if others:
+                    self._bind(present, elsewhere)
+                parameters.present = values
+                self.readers -= 1
 
     def _bind(self, data: Data, elsewhere: bool) -> None:
         self._set(data, elsewhere)

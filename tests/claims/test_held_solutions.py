@@ -122,3 +122,76 @@ def test_a_response_has_its_own_derivatives_after_a_solution_of_it_was_read():
     for solution in solutions:
         all_that_is_read(solution)
     np.testing.assert_array_equal(run.jacobian("tip")["tip"], tip)
+
+
+def column(EI, load=-4.0, height=1.0):
+    """A column that buckles below its whole load, beside a spring that is under tension."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=1e4, EI=EI, rhoA=height, rhoI=0.1)
+    beam = scene.add_beam([(0, 0), (0, height)], section, elements=6)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, load))
+    scene.add_force_between(beam.end, (0, 2), fb.Spring(0.1 * EI, 0.7))
+    return scene
+
+
+def all_of_a_path(solution):
+    """Arrays of a path of equilibria by name, with its stability and critical points."""
+    arrays = all_that_is_read(solution)
+    arrays["unstable modes"] = solution.unstable_modes
+    for i, point in enumerate(solution.critical_points):
+        arrays[f"load {i}"], arrays[f"modes {i}"] = point.load_factor, point.modes.shapes
+        arrays |= {f"point {i} {k}": x for k, x in all_that_is_read(point.solution).items()}
+    return arrays
+
+
+PATHS = {
+    "load steps": {},
+    "arc length": {"continuation": "arc-length"},
+    "spin": {"spin": 0.5},
+}
+
+
+@pytest.mark.parametrize("options", PATHS.values(), ids=PATHS)
+def test_paths_that_are_kept_share_a_set_up_and_stay_what_they_are(options):
+    numbers = (1.0, -4.0, 1.0), (1.2, -4.4, 1.1), (0.9, -3.8, 0.95)
+    expected = [all_of_a_path(fb.static(column(*x), **options)) for x in numbers]
+    paths = [fb.static(column(*x), **options) for x in numbers]
+    assert len({id(path.load_path.model) for path in paths}) == 1
+    assert "load 0" in expected[0]
+    for path, arrays in [*zip(paths, expected, strict=True)][::-1]:
+        for key, array in all_of_a_path(path).items():
+            np.testing.assert_allclose(array, arrays[key], rtol=1e-9, atol=1e-9, err_msg=key)
+
+
+def test_a_branch_starts_from_a_path_that_was_kept():
+    paths = [fb.static(column(*x)) for x in ((1.0, -4.0, 1.0), (1.2, -5.0, 1.1))]
+    (point,) = paths[0].critical_points
+    fb.static(column(1.3, -5.0, 1.2))
+    branch = fb.static(column(1.0), start=point.branch(1), continuation="arc-length")
+    (again,) = fb.static(column(1.0)).critical_points
+    alone = fb.static(column(1.0), start=again.branch(1), continuation="arc-length")
+    np.testing.assert_allclose(branch.q[-1], alone.q[-1], rtol=1e-7, atol=1e-9)
+
+
+def test_static_responses_have_derivatives_of_their_own_path():
+    """After `build`, or anything else, has computed other paths of the same structure."""
+
+    def build(x):
+        fb.static(column(2.0, load=-1.0))
+        scene = column(x[0], load=-1.0)
+        return scene, {"tip": fb.Output("position", scene.beams[0].end)}
+
+    run = fb.StaticResponse(build)
+    run([1.0])
+    expected = run.jacobian("tip")["tip"]
+    run([1.0])
+    paths = [fb.static(column(EI, load=-1.0)) for EI in (1.4, 1.5)]
+    for path in paths:
+        all_of_a_path(path)
+    np.testing.assert_array_equal(run.jacobian("tip")["tip"], expected)
+    h, tips = 1e-5, []
+    for EI in (1.0 - h, 1.0 + h):
+        scene = column(EI, load=-1.0)
+        tips.append(fb.static(scene).position(scene.beams[0].end))
+    np.testing.assert_allclose(expected[..., 0], (tips[1] - tips[0]) / (2 * h), atol=1e-7)
