@@ -14,9 +14,8 @@ from fx_beam.errors import array_of, check_takes, is_one_of, require
 from fx_beam.linear.harmonic import (
     ObservedMotion,
     Vibration,
-    base_motion,
     checked_frequencies,
-    nodal_load,
+    forces_and_base,
 )
 from fx_beam.linear.linearisation import Linearisation
 from fx_beam.results.solution import Solution
@@ -170,13 +169,8 @@ class HarmonicResponse(OfParameters):
         values = self._parameters.begin(x)
 
         def take_load(linear: Linearisation) -> None:
-            """Forces (size,) of the load or of a moving base, and the motion of this."""
-            self._moved = np.zeros(linear.model.size)
-            if self._base is None:
-                self._force = nodal_load(linear, self._parameters.besides[0], f"{_WHAT}: load")
-            else:
-                self._moved = base_motion(linear, self._base, f"{_WHAT}: base")
-                self._force = linear.model.masses.matrix @ self._moved
+            load = self._parameters.besides[0]
+            self._force, self._moved = forces_and_base(linear, load, self._base, _WHAT)
 
         linear = self._tangent.run(values, take_load)
         _, observed = self._parameters.besides

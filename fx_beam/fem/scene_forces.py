@@ -240,13 +240,13 @@ class SceneForces:
             losses = numbers_of_loss(stop, self._at_rest)
             for sign, limit in ((1, stop.lower), (-1, stop.upper)):
                 if limit is not None:
-                    law = _once(laws.stop, kind, sign, bool(losses))
+                    law = _once(laws.contact, kind, bool(losses), None, sign)
                     yield law, [stop.stiffness, *losses, limit]
         if damper is not None and damper.law is not None:
             yield shared(laws.damper_law, damper.law), []
         if isinstance(friction, SmoothFriction) and not self._at_rest:
             if callable(friction.force):
-                yield shared(laws.friction_law, friction.force), [friction.speed]
+                yield shared(laws.friction, friction.force), [friction.speed]
             else:
                 yield _once(laws.friction, kind), [friction.speed, friction.force]
 

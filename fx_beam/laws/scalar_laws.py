@@ -230,9 +230,25 @@ def damper_law(kind: CoordinateKind, law: Callable[[Expr], Expr]) -> PointLaw:
     )
 
 
-def friction(kind: CoordinateKind) -> PointLaw:
-    """Coulomb's friction, regularised: F tanh(rate / speed); numbers: speed, F."""
-    return _friction(kind, lambda rate, F: F, 1)
+def friction(kind: CoordinateKind, magnitude: Callable[[Expr], Expr] | None = None) -> PointLaw:
+    """Coulomb's friction, regularised: F tanh(rate / speed); numbers: speed, F.
+
+    Or only the speed, with a `magnitude` F(rate).
+    """
+
+    def force(step: _Step, rate: Expr) -> Expr:
+        return step.numbers[1] if magnitude is None else magnitude(rate)
+
+    def forces(step: _Step) -> StepForces:
+        sign, memory = step.sign(step.numbers[0])
+        return step.forces(other=force(step, step.rate) * sign, iteration_memory=memory)
+
+    def loss(step: _Step) -> Expr:
+        return force(step, step.mean) * ufl.tanh(step.mean / step.numbers[0]) * step.x.path
+
+    options: dict[str, Any] = {"iteration_memory": REMEMBERED, "smooth": True}
+    options |= {"loss": loss, "user_defined": magnitude is not None}
+    return _point_law(kind, "friction", 2 if magnitude is None else 1, forces, **options)
 
 
 def joint_friction(kind: CoordinateKind) -> PointLaw:
@@ -266,26 +282,6 @@ def joint_friction(kind: CoordinateKind) -> PointLaw:
     )
 
 
-def friction_law(kind: CoordinateKind, magnitude: Callable[[Expr], Expr]) -> PointLaw:
-    """Coulomb's friction, regularised, with a magnitude F(rate); number: speed."""
-    return _friction(kind, magnitude, 0, user_defined=True)
-
-
-def _friction(kind: CoordinateKind, magnitude: Callable, count: int, **options: Any) -> PointLaw:
-    def forces(step: _Step) -> StepForces:
-        speed, *numbers = step.numbers
-        sign, memory = step.sign(speed)
-        return step.forces(other=magnitude(step.rate, *numbers) * sign, iteration_memory=memory)
-
-    def loss(step: _Step) -> Expr:
-        speed, *numbers = step.numbers
-        force = magnitude(step.mean, *numbers) * ufl.tanh(step.mean / speed)
-        return force * step.x.path
-
-    options |= {"iteration_memory": REMEMBERED, "smooth": True}
-    return _point_law(kind, "friction", 1 + count, forces, loss=loss, **options)
-
-
 # -- Forces of a user ---------------------------------------------------------------------------
 
 
@@ -301,26 +297,6 @@ def pull(kind: CoordinateKind, force: Callable[[Expr, Expr, Expr], Expr]) -> Poi
 
 
 # -- Contact ------------------------------------------------------------------------------------
-
-
-def contact(kind: CoordinateKind, loses: bool = False, energy: Energy | None = None) -> PointLaw:
-    """A one-sided spring on a gap, k g^2 / 2 where g < 0, or k times an energy of the depth.
-
-    Number: k. If it `loses` energy, the force is k <-g> (1 + r tanh(-rate / speed)); numbers: k, r,
-    speed. If the kind has a slip, there is friction that sticks; more numbers: tau, mu and the
-    stiffness kt.
-    """
-    if energy is None:
-        return stop(kind, 0, loses)
-    return _one_sided(kind, "law of contact", loses, energy=energy)
-
-
-def stop(kind: CoordinateKind, sign: int, loses: bool = False) -> PointLaw:
-    """A stop of a coordinate at its lower (sign 1) or upper (-1) limit, or a contact (0).
-
-    Numbers: as of a contact, then the limit of a stop.
-    """
-    return _one_sided(kind, f"stop {sign}" if sign else "contact", loses, sign)
 
 
 class _OneSided(NamedTuple):
@@ -391,14 +367,22 @@ class _OneSided(NamedTuple):
         return total + _lost_to_friction(step, normal)
 
 
-def _one_sided(
-    kind: CoordinateKind, name: str, loses: bool, sign: int = 0, energy: Energy | None = None
+def contact(
+    kind: CoordinateKind, loses: bool = False, energy: Energy | None = None, sign: int = 0
 ) -> PointLaw:
+    """A one-sided spring on a gap, k g^2 / 2 where g < 0, or k times an energy of the depth.
+
+    Number: k. If it `loses` energy, the force is k <-g> (1 + r tanh(-rate / speed)); numbers: k, r,
+    speed. If the kind has a slip, there is friction that sticks; more numbers: tau, mu and the
+    stiffness kt. With a `sign` it is the stop of a coordinate at its lower (1) or upper (-1) limit,
+    which is the last number.
+    """
     sticks = kind.slip is not None
     law = _OneSided(loses, sticks, sign, energy)
+    name = "contact" if energy is None else "law of contact"
     return _point_law(
         kind,
-        name,
+        f"stop {sign}" if sign else name,
         (3 if loses else 1) + 3 * sticks + bool(sign),
         law.forces,
         law.stored,

@@ -134,20 +134,16 @@ def frequency_response(
         )
     about = linearised(scene, state, caller)
     # Forces at the nodes, and over the square of the angular frequency; the motion of the base.
-    force = shaking = moved = np.zeros(about.model.size)
-    if load is not None:
-        force = nodal_load(about, load, f"{caller}: load")
-    else:
-        moved = base_motion(about, base, f"{caller}: base")
-        shaking = about.model.masses.matrix @ moved
+    force, moved = forces_and_base(about, load, base, caller)
     measured = ObservedMotion(about, at, f"{caller}: at")
     f = checked_frequencies(frequencies, f"{caller}: frequencies")
     modal = None if damping_ratio is None else modal_damping(about, damping_ratio, f.max(), caller)
     vibration = Vibration(about, caller, modal)
     values = np.zeros((len(f), len(measured.names)), complex)
+    unknown_forces = about.unknown_forces(force)
     for row, frequency in zip(values, f, strict=True):
-        forces = about.unknown_forces(force + (2 * np.pi * frequency) ** 2 * shaking)
-        motion = vibration.at(frequency).solved(forces)
+        factor = 1.0 if base is None else (2 * np.pi * frequency) ** 2
+        motion = vibration.at(frequency).solved(factor * unknown_forces)
         row[:] = measured.rows @ motion + measured.node_rows @ moved
     return FrequencyResponse(at, f, measured.names, values)
 
@@ -247,7 +243,17 @@ def checked_frequencies(frequencies, name: str) -> np.ndarray:
     return f
 
 
-def nodal_load(about: Linearisation, load, name: str) -> np.ndarray:
+def forces_and_base(
+    about: Linearisation, load: Any, base: Any, caller: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Forces (size,) of a load, or of a moving base over the square of w; motion of the base."""
+    if base is None:
+        return _nodal_load(about, load, f"{caller}: load"), np.zeros(about.model.size)
+    moved = _base_motion(about, base, f"{caller}: base")
+    return about.model.masses.matrix @ moved, moved
+
+
+def _nodal_load(about: Linearisation, load, name: str) -> np.ndarray:
     """Complex amplitudes (size,) of the load at the nodes."""
     is_pair = isinstance(load, tuple | list) and len(load) == 2
     require(is_pair, name, load, "a node and its amplitudes, such as (beam.end, (0.0, 1.0))")
@@ -266,7 +272,7 @@ def nodal_load(about: Linearisation, load, name: str) -> np.ndarray:
     return full
 
 
-def base_motion(about: Linearisation, base, name: str) -> np.ndarray:
+def _base_motion(about: Linearisation, base, name: str) -> np.ndarray:
     """Complex amplitudes (size,) of the motion of all nodes with the base."""
     parts = _amplitudes(base)
     expected = "the amplitudes (x, y) of its displacement [m], such as (1.0, 0.0)"
