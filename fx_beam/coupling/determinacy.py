@@ -125,10 +125,10 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
         else:
             moved.append((next(numbers), -1, node, 1 - component, component, 0.0, 0.0))
     for joint in scene.joints:
-        ends, along = (joint.a.number, joint.b.number), joint.direction
+        ends, direction = (joint.a.number, joint.b.number), joint.direction
         ways = [(1.0, 0.0), (0.0, 1.0)]
-        if along is not None and not _is_held(joint.slide, static):
-            ways = [(-along[1], along[0])]
+        if direction is not None and not _is_held(joint.slide, static):
+            ways = [(-direction[1], direction[0])]
         moved += [(next(numbers), *ends, *way, *joint.arm) for way in ways]
         if joint.turns_together or _is_held(joint.rotation, static):
             turned.append((next(numbers), *ends, 1.0))
@@ -256,8 +256,8 @@ def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> 
         pole = np.round(pole / mesh.size, 9) * mesh.size + 0.0  # zero instead of round-off
         motion = f"can rotate about ({pole[0]:.4g}, {pole[1]:.4g})"
     else:
-        along = np.round(mode[:2] / abs(mode[:2]).max(), 6) + 0.0  # no -0
-        motion = f"can move along ({along[0]:.3g}, {along[1]:.3g})"
+        direction = np.round(mode[:2] / abs(mode[:2]).max(), 6) + 0.0  # no -0
+        motion = f"can move along ({direction[0]:.3g}, {direction[1]:.3g})"
     nodes_of = zip(scene.beams, mesh.nodes, strict=True)
     names = [repr(beam.name) for beam, nodes in nodes_of if parts.part_of_node[nodes[0]] == part]
     if not names:  # a part without elements is one node

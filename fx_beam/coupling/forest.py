@@ -74,9 +74,9 @@ def _forest(
     closing: list[Joint] = []
 
     def tree(node: int) -> int:
-        while (above := trees.setdefault(node, node)) != node:
-            trees[node] = trees[above]  # halves the path for the next search
-            node = above
+        while (parent := trees.setdefault(node, node)) != node:
+            trees[node] = trees[parent]  # halves the path for the next search
+            node = parent
         return node
 
     for joint in joints:
@@ -110,9 +110,9 @@ class _Ways:
     def __init__(self, forest: list[Branch], closing: list[Joint]):
         self.forest, self.closing = forest, closing
         number = {branch.node: k for k, branch in enumerate(forest)}
-        above = [number.get(branch.parent, -1) for branch in forest]
-        self.above = np.append(above, -1).astype(int)
-        self._depth = self.sums(np.ones(len(above), dtype=int))
+        parents = [number.get(branch.parent, -1) for branch in forest]
+        self.parents = np.append(parents, -1).astype(int)
+        self._depth = self.sums(np.ones(len(parents), dtype=int))
         #: First branches of the ways up from nodes a and b, and the one where these meet.
         self.a, self.b = (
             np.array([number.get(node.number, -1) for node in nodes])
@@ -123,12 +123,12 @@ class _Ways:
     def sums(self, values: np.ndarray) -> np.ndarray:
         """Sums of values of branches from each one up."""
         total = [*values.tolist(), 0]
-        for k, parent in enumerate(self.above[:-1].tolist()):
+        for k, parent in enumerate(self.parents[:-1].tolist()):
             total[k] += total[parent]
         return np.array(total)
 
     def _meeting(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        strides = [self.above]  # up by powers of two
+        strides = [self.parents]  # up by powers of two
         while (strides[-1] >= 0).any():
             strides.append(strides[-1][strides[-1]])
         for k, up in reversed([*enumerate(strides)]):  # to the same depth
@@ -137,15 +137,15 @@ class _Ways:
         for up in reversed(strides):
             apart = up[a] != up[b]
             a, b = np.where(apart, up[a], a), np.where(apart, up[b], b)
-        return np.where(a == b, a, self.above[a])
+        return np.where(a == b, a, self.parents[a])
 
     def through(self) -> np.ndarray:
         """Number of loops through each branch."""
-        count = np.zeros(len(self.above), dtype=int)
+        count = np.zeros(len(self.parents), dtype=int)
         for ends, loops in ((self.a, 1), (self.b, 1), (self.meeting, -2)):
             np.add.at(count, ends, loops)
         for k in reversed(range(len(self.forest))):
-            count[self.above[k]] += count[k]
+            count[self.parents[k]] += count[k]
         return count[:-1]
 
     def up(self, k: int, top: int) -> list[Branch]:
@@ -153,7 +153,7 @@ class _Ways:
         way = list[Branch]()
         while k != top:
             way.append(self.forest[k])
-            k = self.above[k]
+            k = self.parents[k]
         return way
 
 

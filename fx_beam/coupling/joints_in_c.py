@@ -70,7 +70,7 @@ class JointsInC:
         couplings, arm_joints = self.couplings, self.couplings.arm_joints
         entries = couplings.all_entries
         # Rows that follow through joint m: in x as 2 m, in y as 2 m + 1.
-        below, through = entries.arms
+        followers, arm_numbers = entries.arms
         equal = (entries.value_at == 0) & (entries.sign == 1)
         if not equal.all():
             entries = entries.take(np.argsort(~equal, kind="stable"))
@@ -95,9 +95,9 @@ class JointsInC:
                 "slide_column": columns_of_slides(couplings),
                 "number": np.array([joint.number for joint in arm_joints], dtype=int),
                 "track": np.array([joint.track.number for joint in arm_joints], dtype=int),
-                "followers": len(below),
-                "follower": below,
-                "through": through,
+                "followers": len(followers),
+                "follower": followers,
+                "through": arm_numbers,
                 **self.offsets_and_axes,
             },
             "auxiliary": self.auxiliaries.members(),

@@ -57,7 +57,7 @@ class Loops:
         self.closures = [couplings.closures[k] for k in order]
         self._entries = Entries.of(enumerate(closure.entries for closure in self.closures))
         #: In compressed rows the columns on which each closure depends.
-        self._near = depends[order]
+        self._dependence = depends[order]
         #: Units (free,) by which those that follow are chosen: beams turn by about 1 over their own
         #: length, also where the scene is larger.
         self._pivot_unit = unit.copy()
@@ -66,7 +66,7 @@ class Loops:
             lengths = columns[~turns[columns]]
             self._pivot_unit[lengths] = min([size, *guides])
         moved = scipy.sparse.csgraph.maximum_bipartite_matching(
-            self._near[:, : couplings.free], perm_type="column"
+            self._dependence[:, : couplings.free], perm_type="column"
         )
         #: For each closure an unknown of the linear system on which its force acts, a different
         #: one for each; -1 for none.
@@ -88,7 +88,7 @@ class Loops:
         self.lengths = np.array([size if k.component == 2 else 1.0 for k in self.closures])
         sizes, widths = ([len(part[i]) for part in blocks] for i in (0, 1))
         self._block_starts = starts_of(sizes), starts_of(widths)
-        used = np.unique(self._near.indices)
+        used = np.unique(self._dependence.indices)
         unknowns = np.concatenate([columns for _, columns in blocks])
         #: Unknowns of the loops, block by block; and with other columns on which closures depend.
         self.unknowns = unknowns.astype(int)
@@ -125,11 +125,12 @@ class Loops:
         }
         closed = [(closure.joint, closure.component) for closure in self.closures]
         ends = [_ends(closure) for closure in self.closures]
-        near = np.empty(couplings.columns, dtype=int)
-        near[self.columns] = np.arange(len(self.columns))
+        column_numbers = np.empty(couplings.columns, dtype=int)
+        column_numbers[self.columns] = np.arange(len(self.columns))
         arms_at_rest = [joint.arm if joint.place is None else joint.apart for joint in arm_joints]
         parts = [
-            self._near[closures][:, self.unknowns[unknowns]] for closures, unknowns in self.blocks
+            self._dependence[closures][:, self.unknowns[unknowns]]
+            for closures, unknowns in self.blocks
         ]
         return {
             "closures": len(self),
@@ -145,8 +146,8 @@ class Loops:
             "force": [3 * joint.number + i for joint, i in closed],
             "entry_start": self._entries.starts(len(self)),
             **self._entries.members("entry_"),
-            "near": near[self._near.indices],
-            "start": self._near.indptr,
+            "near": column_numbers[self._dependence.indices],
+            "start": self._dependence.indptr,
             "auxiliary": np.concatenate(self._auxiliaries),
             "auxiliary_start": starts_of([len(part) for part in self._auxiliaries]),
             "block_closure": self._block_starts[0],
@@ -206,9 +207,9 @@ def _most_in_band(depends: scipy.sparse.csr_matrix) -> int:
     np.minimum.at(first, entries.row, entries.col)
     np.maximum.at(last, entries.row, entries.col)
     least = np.cumsum(np.bincount(last + 1, minlength=n + 1))[entries.col]
-    behind = np.cumsum(np.bincount(first, minlength=n + 1)[::-1])[::-1][entries.col + 1]
+    starting_later = np.cumsum(np.bincount(first, minlength=n + 1)[::-1])[::-1][entries.col + 1]
     lower = (entries.row - least).max(initial=0)
-    upper = (m - 1 - behind - entries.row).max(initial=0)
+    upper = (m - 1 - starting_later - entries.row).max(initial=0)
     return int(m * min(m, lower + upper + max(lower, upper) + 1))
 
 
@@ -233,10 +234,12 @@ def _dependence(
     size = couplings.columns + len(auxiliaries)
     rows, dependent = [auxiliaries.equations(values)], [np.arange(couplings.columns, size)]
     for slide in slides:
-        near = np.append(slide.guide.near, slide.column)
-        weights = scipy.sparse.csr_matrix(random.uniform(1.0, 2.0, (len(slide.columns), len(near))))
+        guide_columns = np.append(slide.guide.columns, slide.column)
+        weights = scipy.sparse.csr_matrix(
+            random.uniform(1.0, 2.0, (len(slide.columns), len(guide_columns)))
+        )
         identity = scipy.sparse.identity(size, format="csr")
-        rows.append(weights @ identity[near] - identity[slide.columns])
+        rows.append(weights @ identity[guide_columns] - identity[slide.columns])
         dependent.append(slide.columns)
     return values, scipy.sparse.vstack(rows, "csr"), np.concatenate(dependent)
 
@@ -246,9 +249,9 @@ def blocks_of(depends: scipy.sparse.csr_matrix) -> list[tuple[np.ndarray, np.nda
 
     Closures of neighbouring loops are near to each other.
     """
-    near = (depends @ depends.T).tocsr()
-    _, label = scipy.sparse.csgraph.connected_components(near, directed=False)
-    order = scipy.sparse.csgraph.reverse_cuthill_mckee(near, symmetric_mode=True)
+    neighbours = (depends @ depends.T).tocsr()
+    _, label = scipy.sparse.csgraph.connected_components(neighbours, directed=False)
+    order = scipy.sparse.csgraph.reverse_cuthill_mckee(neighbours, symmetric_mode=True)
     order = order[np.argsort(label[order], kind="stable")]
     blocks = []
     for members in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):

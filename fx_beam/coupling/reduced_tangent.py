@@ -91,9 +91,12 @@ def reduced_tangent(
         added = [loops.system_entries, *added]
         forces = couplings.unknown_count - len(loops) + loops.carried
         left, right = loops.stiffened()
-        behind = len(entries.row) + np.arange(len(left.row))
-        i, j = np.append(i, behind), np.append(j, behind + len(behind))
-        source = np.append(source, np.full(len(behind), matrix.nnz + 1, np.int32))
+        added_numbers = len(entries.row) + np.arange(len(left.row))
+        i, j = (
+            np.append(i, added_numbers),
+            np.append(j, added_numbers + len(added_numbers)),
+        )
+        source = np.append(source, np.full(len(added_numbers), matrix.nnz + 1, np.int32))
         entries = Entries(*map(np.concatenate, zip(entries, left, right, strict=True)))
     extra = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2).T
     rows = [row_of[entries.column][i], row_of[extra[0]], *(part.rows for part in added)]

@@ -49,7 +49,7 @@ class Bordered(NamedTuple):
     #: Positions of the diagonals of slides, which are 1.
     ones: np.ndarray
     #: The other entries, and the columns of the scene that are their rows and columns.
-    beside: np.ndarray
+    border_entries: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
 
@@ -63,8 +63,8 @@ class Guide:
         #: Entries of the degrees of freedom.
         self.parts = Entries.of((k, couplings.entries(dof)) for k, dof in enumerate(dofs.ravel()))
         #: Columns on which the beam depends.
-        self.near = np.unique(self.parts.column)
-        self._near = frozenset(self.near.tolist())
+        self.columns = np.unique(self.parts.column)
+        self._column_set = frozenset(self.columns.tolist())
         self.members: dict[str, Any] = {
             "degree": path.degree,
             "elements": len(path.h),
@@ -84,7 +84,7 @@ class Guide:
 
     def depends_on(self, columns: set[int]) -> bool:
         """Whether the beam depends on one of some columns."""
-        return not columns.isdisjoint(self._near)
+        return not columns.isdisjoint(self._column_set)
 
 
 class Slide:

@@ -230,22 +230,22 @@ class BuiltScenes:
         most = {name: _MORE_BENT if name in _COMPUTED else _BENT for name in numbers}
         sizes, worse, bent = dict[str, np.ndarray](), 0, dict[str, float]()
         for attempt in range(_TRIES):
-            low, above = (self._moved(x, i, step, numbers_of) for step in (-h, h / 2))
+            low, ahead = (self._moved(x, i, step, numbers_of) for step in (-h, h / 2))
             if not attempt:
                 depend = [
                     name
                     for name, values in numbers.items()
-                    if not (all_of(low[name] == values) and all_of(above[name] == values))
+                    if not (all_of(low[name] == values) and all_of(ahead[name] == values))
                 ]
-                if all(_on_a_line(name, low[name], numbers[name], above[name]) for name in depend):
-                    return {name: (above[name] - low[name]) / (1.5 * h) for name in depend}
-            below, high = (self._moved(x, i, step, numbers_of) for step in (-h / 2, h))
+                if all(_on_a_line(name, low[name], numbers[name], ahead[name]) for name in depend):
+                    return {name: (ahead[name] - low[name]) / (1.5 * h) for name in depend}
+            back, high = (self._moved(x, i, step, numbers_of) for step in (-h / 2, h))
             for name in depend:
                 if name in best and best[name][0] <= _BENT:
                     continue
-                narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
+                narrow, wide = (ahead[name] - back[name]) / h, (high[name] - low[name]) / (2 * h)
                 sizes[name] = np.maximum(sizes.get(name, 0.0), _size(name, wide))
-                noise = (_MORE_NOISE if name in _COMPUTED else _NOISE) * _values_of(name, above)
+                noise = (_MORE_NOISE if name in _COMPUTED else _NOISE) * _values_of(name, ahead)
                 gap = np.maximum(abs(narrow - wide) - noise / h, 0.0)
                 bend, flat = _largest(gap, sizes[name]), not (narrow.any() or wide.any())
                 if name not in best or (bend < best[name][0] and not flat):  # flat between jumps
@@ -328,7 +328,7 @@ def _largest(gaps: np.ndarray, sizes: np.ndarray) -> float:
     return float(part.max(initial=0.0))
 
 
-def _on_a_line(name: str, low: np.ndarray, numbers: np.ndarray, above: np.ndarray) -> bool:
+def _on_a_line(name: str, low: np.ndarray, numbers: np.ndarray, ahead: np.ndarray) -> bool:
     """Whether numbers at x - h, x and x + h / 2 are those of a line, up to round-off."""
-    size = _largest_over_time(name, np.maximum(abs(low), abs(above)))  # which tells the round-off
-    return all_of(abs((low - numbers) + 2 * (above - numbers)) <= _ROUNDING * size)
+    size = _largest_over_time(name, np.maximum(abs(low), abs(ahead)))  # which tells the round-off
+    return all_of(abs((low - numbers) + 2 * (ahead - numbers)) <= _ROUNDING * size)

@@ -255,9 +255,9 @@ class WorkOutput(EnergyOutput):
         elif quantity == "work" and model.couplings.driven and model.fits_rates:
             self._parts = "work of rates that fit"
         #: Name of the sum at the start of the run, if this is in the part; else empty.
-        self._at_start = ""
+        self._start_sum = ""
         if not part.first and not model.scheme.rates.at_rest:
-            self._at_start = f"{quantity} at the start"
+            self._start_sum = f"{quantity} at the start"
         #: Derivatives of the work in the steps, if it counts.
         self._work = list[Block]()
         if self._signs.steps:
@@ -281,8 +281,8 @@ class WorkOutput(EnergyOutput):
     def _of_steps(self, steps: np.ndarray) -> Iterator[Block]:
         """Blocks that some steps add to all later rows, at first those of the start (number 0)."""
         first = np.zeros(1, dtype=int)
-        if self._at_start:
-            yield of_rows(self._at_start, first, np.ones(1))
+        if self._start_sum:
+            yield of_rows(self._start_sum, first, np.ones(1))
             if sign := self._signs.energy:
                 start = energy_blocks(self._sub_steps, "energy of steps", first, first)
                 yield from (block.times(-sign) for block in start)

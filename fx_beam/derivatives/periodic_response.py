@@ -229,7 +229,10 @@ class PeriodicAnalysis(Analysis):
             return [self.value(solution, name) for name in names]
 
         pairs = zip(names, longer(-CHANGE), longer(CHANGE), strict=True)
-        slopes = {name: (above - below) / (2 * CHANGE) for name, below, above in pairs}
+        slopes = {
+            name: (longer_rows - shorter_rows) / (2 * CHANGE)
+            for name, shorter_rows, longer_rows in pairs
+        }
         derivatives.lay()
         return {name: rows[..., None] * derivatives.period for name, rows in slopes.items()}
 

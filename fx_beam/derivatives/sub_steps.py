@@ -51,7 +51,7 @@ class SubSteps:
             times = tape.times
             rows = parameters.signals.over_steps(times.starts, times.ends, self._level)
             self._parameters = floats(rows)
-            self._at_start = parameters.at(float(times.starts[0]))[None]
+            self._start_parameters = parameters.at(float(times.starts[0]))[None]
         # Length of the short step for the resultants at the start [s], and 1 if these, or all
         # forces of elements that are wanted, depend on rates, else 0.
         self._short, beams = INSTANT * tape.times.first_length, model.forms.beams
@@ -81,7 +81,7 @@ class SubSteps:
         rows = {name: values[places] for name, values in self.states.items()}
         if self._parameters is not None:
             rows["parameters"] = self._parameters[boundaries - 1, 1]
-            rows["parameters"][boundaries == 0] = self._at_start
+            rows["parameters"][boundaries == 0] = self._start_parameters
         return rows
 
     def parts(self, steps: np.ndarray) -> StepBatch:
@@ -97,7 +97,7 @@ class SubSteps:
         arrays["natural_end"] = states["natural"][np.where(starts, begins, ends)]
         if self._parameters is not None:
             arrays["parameters"] = self._parameters[first, 0]
-            arrays["parameters"][starts] = self._at_start
+            arrays["parameters"][starts] = self._start_parameters
         if model.forms.needs_previous:
             arrays["memory"] = np.where(starts, 0.0, tape.memories[first])
         return StepBatch(tape.times.starts[first] + self._level * dt * ~starts, dt, D, q, **arrays)

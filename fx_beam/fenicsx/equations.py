@@ -44,7 +44,7 @@ class Equations:
         self._max_turn = max_turn
         n, problem, reduction = loop.model.size, loop.problem, loop.model.reduction
         #: What C has of a step.
-        self.in_c = StepInC(*problem.results(D=n, z=reduction.columns, r=n, f=n))
+        self.c_step = StepInC(*problem.results(D=n, z=reduction.columns, r=n, f=n))
         #: In C: dead forces (size,) at the level of the step, natural strains at its end, flat.
         self._dead, _, self._natural_in_c = problem.given()
         at_rest = loop.model.scheme.rates.at_rest
@@ -78,8 +78,8 @@ class Equations:
         self.assembly.fields.begin(interval, start, natural)
         if self._inertia is not None:
             self._inertia.begin(start, interval.length)
-        self._y = self.in_c.z[: reduction.free].copy()
-        self._driven = self.in_c.z[reduction.free :][: reduction.driven]
+        self._y = self.c_step.z[: reduction.free].copy()
+        self._driven = self.c_step.z[reduction.free :][: reduction.driven]
         if np.array_equal(reduction.independent, self.unknowns.independent):
             return False
         self.unknowns = unknowns_of(self.assembly)
@@ -100,7 +100,7 @@ class Equations:
         """
         model = self.model
         self._y[self.unknowns.independent] = y
-        D = self.in_c.D[:] = model.reduction.increment(self._y, self._driven)
+        D = self.c_step.D[:] = model.reduction.increment(self._y, self._driven)
         if not abs(D[model.mesh.turns]).max() <= self._max_turn:
             constants, closed = self.loop.problem.constants, np.isfinite(D).all()
             raise NoConfigurationError(constants.TURNED_TOO_FAR if closed else constants.OPEN_LOOP)
@@ -126,9 +126,9 @@ class Equations:
     def finish(self, dt: float) -> None:
         """Hand the increment, its forces and the work of added terms over to the engine."""
         model, state = self.model, self.loop.problem.c.state
-        self.in_c.z[: model.reduction.free] = self._y
-        self.in_c.r[:], self.in_c.f[:] = self.forces, self.internal
-        path, _ = model.scheme.rates.work_increment(self.in_c.D, model.mesh.turns)
+        self.c_step.z[: model.reduction.free] = self._y
+        self.c_step.r[:], self.c_step.f[:] = self.forces, self.internal
+        path, _ = model.scheme.rates.work_increment(self.c_step.D, model.mesh.turns)
         state.work -= self._mean_added(state.t, dt) @ path
 
     def _mean_added(self, t: float, dt: float) -> np.ndarray:

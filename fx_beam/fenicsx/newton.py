@@ -129,7 +129,7 @@ class Newton:
         self._reduced[unknowns.independent] = last_residual
         self._step[unknowns.independent] = change
         self._correction[:] = unknowns.to_nodes(change)
-        self._equations.in_c.f[:] = self._equations.internal
+        self._equations.c_step.f[:] = self._equations.internal
         judge, convergence = self._judge
         if judge(self._c, convergence, iteration, self._shortened):
             return reasons.CONVERGED_SNORM_RELATIVE

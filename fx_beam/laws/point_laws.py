@@ -363,8 +363,8 @@ def tangent_quotient(a: Expr, b: Expr, x: Expr) -> Expr:
     is_small = ufl.lt(x2, 4e-4)
     x_over_sine = 1 + (1 / 6) * x2 * (1 + (7 / 60) * x2 * (1 + (31 / 294) * x2))
     secants = ufl.sqrt((1 + a * a) * (1 + b * b))
-    above = ufl.conditional(is_small, x_over_sine, x)
-    return above / ufl.conditional(is_small, secants, b - a)
+    numerator = ufl.conditional(is_small, x_over_sine, x)
+    return numerator / ufl.conditional(is_small, secants, b - a)
 
 
 def arm_length(motion: ForceStep, r0, Dr, rates, rest: Expr, side: Expr) -> StepCoordinate:

@@ -158,8 +158,8 @@ class Sheet:
             shape["arrowstyle"] = style[1:]
             ends.append((points[last], points[0]))
         for tail, tip in ends:
-            near = tip + (tail - tip) * min(1.0, head * self.size / np.hypot(*(tail - tip)))
-            self.ax.annotate("", tip, near, arrowprops=shape, annotation_clip=False, zorder=4)
+            foot = tip + (tail - tip) * min(1.0, head * self.size / np.hypot(*(tail - tip)))
+            self.ax.annotate("", tip, foot, arrowprops=shape, annotation_clip=False, zorder=4)
 
     def drawn(self, marks: bool) -> list[np.ndarray]:
         """Points (n, 2) of all markers so far, or of all lines."""

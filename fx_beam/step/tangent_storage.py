@@ -306,8 +306,8 @@ def storage_of(
     bordered = reduction.sliders.bordered
     all_places = np.empty(reduction.sliders.entries_before, dtype=int)
     all_places[bordered.inside] = places[bordered.positions]
-    all_places[bordered.beside] = stored + np.arange(len(bordered.beside))
-    return all_places, stored + len(bordered.beside), places[bordered.ones]
+    all_places[bordered.border_entries] = stored + np.arange(len(bordered.border_entries))
+    return all_places, stored + len(bordered.border_entries), places[bordered.ones]
 
 
 def on_bordering_rows(
@@ -360,10 +360,10 @@ def bordering_tables(
             "block": 0 if inside else -(-(carriers + alone) // _LANES) * _LANES,
             "inside": inside,
             "pivot": pivot,
-            "beside": len(bordered.beside),
+            "beside": len(bordered.border_entries),
             "beside_row": bordered.rows,
             "beside_column": bordered.columns,
-            "beside_at": places[bordered.beside],
+            "beside_at": places[bordered.border_entries],
             "bordered": len(slides) + alone,
             "bordered_unknown": np.append(slides, sliders.forces),
             "bordered_row": np.append(np.arange(len(slides)), carriers + np.arange(alone)),
