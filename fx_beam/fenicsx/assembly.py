@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -16,7 +19,7 @@ from fx_beam.step.model import Model
 
 from .form import StepForm
 from .symbols import DolfinxSymbols
-from .versions import compiled
+from .versions import CompiledForm, compiled
 
 
 class Assembly:
@@ -29,7 +32,7 @@ class Assembly:
         self._local = PETSc.Mat().createAIJ(
             self.pattern.shape, csr=csr_of(self.pattern), comm=MPI.COMM_SELF
         )
-        self._glue = glue(self.fields.increment_numbers)
+        self._glue = _glue(self.fields.increment_numbers)
         #: Mass (eqs 19 to 21) of beams and lumped masses, with the sparsity of `pattern`.
         self.mass = self._assembled_mass()
 
@@ -46,20 +49,23 @@ class Assembly:
         internal, added = self.grid.total(forces)
         return internal, added
 
-    def add_tangent(self, matrix: PETSc.Mat, numbers: PETSc.LGMap) -> None:
-        """Add the tangent to a matrix; `numbers` are rows of the increments."""
-        matrix.setLGMap(numbers, numbers)
-        for term in (*self.form.terms, *self.form.added):
-            tangent = term.compiled[1]
-            if tangent is not None:
-                fem.petsc.assemble_matrix(matrix, tangent)
-        matrix.assemble()
+    def tangent(self) -> scipy.sparse.csr_matrix:
+        """Tangent (size, size), in the sparsity of `pattern`."""
+        forms = (term.compiled[1] for term in (*self.form.terms, *self.form.added))
+        return self._assembled(self._glue, [form for form in forms if form is not None])
 
-    def tangent(self) -> np.ndarray:
-        """Values of the tangent in `pattern`, of the elements of this process."""
+    def _assembled(
+        self, numbers: PETSc.LGMap, forms: Sequence[CompiledForm]
+    ) -> scipy.sparse.csr_matrix:
+        """Sum of bilinear forms over the elements of all processes, by `numbers` of rows."""
         self._local.zeroEntries()
-        self.add_tangent(self._local, self._glue)
-        return self._local.getValuesCSR()[2]
+        self._local.setLGMap(numbers, numbers)
+        for form in forms:
+            fem.petsc.assemble_matrix(self._local, form)
+        self._local.assemble()
+        matrix = copy(self.pattern)  # which shares its rows and columns
+        matrix.data = self.grid.total(self._local.getValuesCSR()[2])
+        return matrix
 
     def resultants(self) -> np.ndarray:
         """N, Q and M (cells, points, 3) at the Gauss points."""
@@ -74,13 +80,8 @@ class Assembly:
         virtual_u, virtual_psi = ufl.TestFunctions(V)
         translation = density[0] * ufl.dot(u, virtual_u)
         rotation = density[1] * psi * virtual_psi
-        numbers = glue(self.fields.V_numbers)
-        self._local.setLGMap(numbers, numbers)
         form = (translation + rotation) * self.grid.measure(None, points)
-        fem.petsc.assemble_matrix(self._local, compiled(form))
-        self._local.assemble()
-        mass = self.pattern.copy()
-        mass.data[:] = self.grid.total(self._local.getValuesCSR()[2].copy())
+        mass = self._assembled(_glue(self.fields.V_numbers), [compiled(form)])
         lumped = np.zeros(model.size)
         for node, m, inertia in model.scene.masses:
             lumped[model.mesh.dofs[node]] += float(m), float(m), float(inertia)
@@ -88,7 +89,7 @@ class Assembly:
         return mass
 
 
-def glue(numbers: np.ndarray) -> PETSc.LGMap:
+def _glue(numbers: np.ndarray) -> PETSc.LGMap:
     """A map from degrees of freedom to their numbers in a matrix; -1 for none."""
     return PETSc.LGMap().create(numbers, comm=MPI.COMM_SELF)
 

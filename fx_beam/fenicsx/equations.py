@@ -112,15 +112,13 @@ class Equations:
 
     def tangent(self) -> PETSc.Mat:
         """The reduced tangent where forces were found last."""
-        model, values = self.model, np.zeros(self.assembly.pattern.nnz)
-        model.forms.compiled_points.add_tangent(values)
-        matrices = []
+        K, members = self.assembly.tangent(), self.model.points.members
+        self.model.forms.compiled_points.add_tangent(K.data)
         if self._inertia is not None:
-            matrices.append(self._inertia.add_tangent(values))
-        if model.points.members is not None:
-            matrices.append(model.points.members.tangent())
-        added = [matrix for matrix in matrices if matrix is not None]
-        self.unknowns.assemble(values, added, self._y, self._driven, self.forces)
+            K = self._inertia.with_tangent(K)
+        if members is not None:
+            K = K + members.tangent()
+        self.unknowns.assemble(K, self._y, self._driven, self.forces)
         return self.unknowns.A
 
     def finish(self, dt: float) -> None:

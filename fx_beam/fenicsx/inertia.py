@@ -42,15 +42,14 @@ class Inertia:
         self._slopes = values[:, 3:12].reshape(-1, 3, 3)
         return values[:, :3].ravel()
 
-    def add_tangent(self, values: np.ndarray) -> scipy.sparse.csr_matrix | None:
-        """Add M da/dD, where forces were found last, to values in M's sparsity.
+    def with_tangent(self, K: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+        """K + M da/dD, where forces were found last, for K in M's sparsity.
 
-        With rules of a user it is a matrix (size, size) of its own, as their slopes couple nodes'
-        components.
+        Slopes by rules of a user couple nodes' components: the sum has more entries.
         """
         if self._slopes.ndim == 1:
-            values += self._mass.data * self._slopes[self._mass.indices]
-            return None
+            K.data += self._mass.data * self._slopes[self._mass.indices]
+            return K
         nodes = np.arange(len(self._slopes) + 1)
         blocks = self._slopes, nodes[:-1], nodes
-        return self._mass @ scipy.sparse.bsr_matrix(blocks, self._mass.shape).tocsr()
+        return K + self._mass @ scipy.sparse.bsr_matrix(blocks, self._mass.shape).tocsr()

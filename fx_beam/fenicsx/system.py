@@ -42,9 +42,7 @@ class System:
     @property
     def K(self) -> PETSc.Mat:
         """Derivative of `F` in the last iteration, as a copy."""
-        K = self._assembly.pattern.copy()
-        K.data[:] = self._assembly.grid.total(self._assembly.tangent().copy())
-        return self._distributed(K)
+        return self._distributed(self._assembly.tangent())
 
     @property
     def M(self) -> PETSc.Mat:

@@ -14,9 +14,8 @@ from fx_beam.coupling.map_slopes import map_slopes
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.scene.joints import GROUND
 
-from .assembly import Assembly, csr_of, glue
+from .assembly import Assembly, csr_of
 
-Matrices = list[scipy.sparse.csr_matrix]
 # Part of a unit for differences of the maps of joints.
 _PART = 1e-6
 # Degrees of freedom up to which matrices are arrays: operations on small arrays are quick.
@@ -83,7 +82,7 @@ class SharedUnknowns:
 class EqualUnknowns(SharedUnknowns):
     """Unknowns of supports and joints that only make degrees of freedom equal.
 
-    dolfinx assembles in the numbers of the unknowns, without products of matrices.
+    Entries of matrices are summed, without products.
     """
 
     def __init__(self, assembly: Assembly):
@@ -93,11 +92,9 @@ class EqualUnknowns(SharedUnknowns):
         self._unknown = np.where(columns < n, columns, n).astype(int)
         touched = np.unique(assembly.fields.increment_numbers)
         self._share(np.setdiff1d(self._unknown[touched], n))
-        numbers = np.append(self._numbers, -1).astype(PETSc.IntType)
-        self._glue = glue(numbers[self._unknown[assembly.fields.increment_numbers]])
         self._find_places()
         #: The reduced tangent.
-        self.A = self.matrix(self._summed(np.zeros(assembly.pattern.nnz)))
+        self.A = self.matrix(self._summed(assembly.pattern))
 
     def _find_places(self) -> None:
         """Find the place in the reduced matrix of each entry of the scene's."""
@@ -109,10 +106,10 @@ class EqualUnknowns(SharedUnknowns):
         starts = np.searchsorted(places, n * np.arange(n + 1))
         self._sparsity = tuple(part.astype(PETSc.IntType) for part in (places % n, starts))
 
-    def _summed(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+    def _summed(self, K: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         """Entries of the scene's matrix added in the reduced one (n, n)."""
         count = len(self._sparsity[0])
-        data = np.bincount(self._place, values, count)[:count]
+        data = np.bincount(self._place, K.data, count)[:count]
         return scipy.sparse.csr_matrix((data, *self._sparsity), (self.size, self.size))
 
     def to_nodes(self, y: np.ndarray) -> np.ndarray:
@@ -124,15 +121,10 @@ class EqualUnknowns(SharedUnknowns):
         return np.bincount(self._unknown, r, self.size + 1)[: self.size]
 
     def assemble(
-        self, values: np.ndarray, added: Matrices, y: np.ndarray, driven: np.ndarray, r: np.ndarray
+        self, K: scipy.sparse.csr_matrix, y: np.ndarray, driven: np.ndarray, r: np.ndarray
     ) -> None:
-        """Set A = Tv^T K T + (dTv/dy)^T r at increments y and `driven`, where the forces are r.
-
-        K is the tangent of dolfinx, plus `values` in the scene's sparsity, and matrices `added`.
-        """
-        self.A.zeroEntries()
-        self._assembly.add_tangent(self.A, self._glue)
-        self.A.setValuesCSR(*csr_of(self._rows(self._summed(values))), addv=True)
+        """Set A = Tv^T K T + (dTv/dy)^T r at increments y and `driven`, where the forces are r."""
+        self.A.setValuesCSR(*csr_of(self._rows(self._summed(K))))
         self.A.assemble()
 
 
@@ -155,22 +147,12 @@ class JointUnknowns(SharedUnknowns):
         return self._reduction.maps.reduced_force(r)[self.independent]
 
     def assemble(
-        self, values: np.ndarray, added: Matrices, y: np.ndarray, driven: np.ndarray, r: np.ndarray
+        self, K: scipy.sparse.csr_matrix, y: np.ndarray, driven: np.ndarray, r: np.ndarray
     ) -> None:
-        """Set A = Tv^T K T + (dTv/dy)^T r at increments y and `driven`, where the forces are r.
-
-        K is the tangent of dolfinx, plus `values` in the scene's sparsity, and matrices `added`.
-        """
-        K = self._assembly.pattern.copy()
-        K.data[:] = self._assembly.tangent()
-        if self._comm.rank == 0:  # what all have is added once
-            K.data += values
-            K = sum(added, K)
+        """Set A = Tv^T K T + (dTv/dy)^T r at increments y and `driven`, where the forces are r."""
         small = self._assembly.model.size <= _SMALL
         Tv, K, self._T = (A.toarray() if small else A for A in (self.Tv, K, self.T))
         A = scipy.sparse.csr_matrix(Tv.T @ K @ self._T)
-        if self._comm.size > 1:
-            A = sum(self._comm.allgather(A))
         if len(self._moving):  # (dTv/dy)^T r, and slopes of forces on slides
             steps = _PART * self._assembly.model.units.unknowns[self.independent]
             project = functools.partial(self.reduced_force, r)
