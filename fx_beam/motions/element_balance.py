@@ -181,7 +181,10 @@ def directions_at_ends(X: Any) -> Any:
     """Directions (..., 2) of the normals [rad] at both ends of elements with nodes (..., n, 2)."""
     nodes = np.linspace(0.0, 1.0, X.shape[-2])
     tangents = lagrange_and_slopes(nodes, np.array([0.0, 1.0]))[1] @ X
-    return np.arctan2(tangents[..., 1], tangents[..., 0])
+    x, y, end_x, end_y = (tangents[..., k, i] for k in (0, 1) for i in (0, 1))
+    first = np.arctan2(y, x)
+    # By the turn between them, both are on one side of pi.
+    return np.stack([first, first + np.arctan2(x * end_y - y * end_x, x * end_x + y * end_y)], -1)
 
 
 def components(forces: np.ndarray, angles: np.ndarray) -> np.ndarray:

@@ -80,6 +80,20 @@ def test_a_force_and_a_couple_inside_an_element_have_their_kink_and_jump(degree,
     assert after - before == pytest.approx(-4.0, abs=1e-8)
 
 
+@pytest.mark.parametrize("right", [1, -1])
+def test_the_jump_at_a_force_inside_a_curved_element_is_the_force_wherever_the_beam_goes(right):
+    """On the top of an arc, of which the direction passes pi where it goes to the left."""
+    scene = fb.Scene()
+    arc = fb.arc((-right, 0), (0, 0.3), (right, 0))
+    beam = scene.add_beam(arc, fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=1, degree=2)
+    scene.clamp(beam.start)
+    scene.add_force(beam.at(beam.length / 2), (3.0, -10.0))
+    forces = fb.static(scene, linear=True).resultants(beam)
+    before, after = (forces.at(beam.length / 2, side) for side in ("before", "after"))
+    assert (before.N - after.N)[-1] == pytest.approx(3.0 * right)
+    assert (before.Q - after.Q)[-1] == pytest.approx(-10.0 * right)
+
+
 def test_a_couple_on_a_node_is_the_jump_of_the_moment_there():
     scene, beam = simply_supported()
     scene.add_moment(beam.node(0.5), 6.0)
