@@ -20,7 +20,7 @@ from fx_beam.step.sparse_lu import LU
 
 from .geometric_stiffness import check_forces, geometric_stiffness
 from .load_steps import LoadStepper
-from .small_loads import SmallLoads
+from .small_loads import SmallLoads, held_at_nodes
 from .static_options import StaticOptions
 from .statics import LoadPath
 
@@ -95,7 +95,7 @@ def buckling(
 
 
 def _modes(path: LoadPath, n: int) -> BucklingModes:
-    first = path.first_state()
+    first = held_at_nodes(path.stepper, path.first_state())
     path.forcing.keep_start()
     path.stepper.path.held[:] = 0.0  # forces that hold the state do not fade
     check_forces(path.model)

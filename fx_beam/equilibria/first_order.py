@@ -15,7 +15,7 @@ from fx_beam.step.rounding import warn_of_rounding
 from fx_beam.step.row_steps import histories_of
 
 from .load_steps import LoadStepper
-from .small_loads import SmallLoads
+from .small_loads import SmallLoads, held_at_nodes
 
 
 class _Histories(dict[str, object]):
@@ -33,6 +33,7 @@ def first_order(
 
     Every history is linear in the load factor; energies and work are quadratic.
     """
+    start = held_at_nodes(stepper, start)
     small = SmallLoads("static: linear", stepper, start)
     close, recorder = small.solution, small.recorder
     histories = _Histories(histories_of(recorder))
@@ -40,11 +41,18 @@ def first_order(
         if isinstance(rows, np.ndarray) and len(rows) == len(close.t):
             histories[name] = small.at_ends(rows)
         elif isinstance(rows, Energy):
-            parts = (
-                [part[0], part[0] + small.slope(part) + small.curvature(part)]
-                for part in vars(rows).values()
+            rises = {key: small.slope(part) for key, part in vars(rows).items()}
+            bends = {key: small.curvature(part) for key, part in vars(rows).items()}
+            # Displacements go straight: where weights and springs are on arms, unknowns do not.
+            holding = stepper.loop.forcing.first
+            lifts = small.curvature(close.q.reshape(len(close.t), -1) @ holding)
+            bends["springs"] -= lifts
+            bends["work"] -= bends["potential"] + lifts
+            bends["potential"] *= 0.0
+            starts = {key: part[0] for key, part in vars(rows).items()}
+            histories[name] = Energy(
+                **{key: np.array([x, x + rises[key] + bends[key]]) for key, x in starts.items()}
             )
-            histories[name] = Energy(*map(np.array, parts))
     histories.update({"t": np.array([0.0, 1.0]), "t_level": np.array([0.0, 1.0])})
     last = end(start.changed(t=1.0, q=start.q + small.D))
     solution = solution_of(recorder, stats, lambda: last, stored=histories)

@@ -9,6 +9,7 @@ from fx_beam.results.fields import along_all
 
 EA, GA, EI = 3e5, 1e5, 40.0
 SECTION = fb.Section(EA=EA, GA=GA, EI=EI, rhoA=2.0)
+LIGHT = fb.Section(EA=EA, GA=GA, EI=EI)
 
 
 def stiffness(a, b):
@@ -114,6 +115,60 @@ def test_weight_heat_settlement_and_springs_count():
     free = settled - q * L**4 / (8 * EI) - q * L**2 / (2 * GA) + heat * L**2 / 2
     compliance = L**3 / (3 * EI) + L / GA
     assert tip == pytest.approx(free / (1 + k * compliance), rel=1e-8)
+
+
+@pytest.mark.parametrize("body_first", [True, False])
+def test_a_body_on_an_arm_sinks_as_far_as_its_first_order_displacement(body_first):
+    """Whichever of its nodes has the unknowns; its weight does half of its work on the beam."""
+    scene, L, weight, arm = fb.Scene(gravity=(0, -10.0)), 2.0, 30.0, 0.3
+    place, points = (L + arm, 0.5), {"hook": (L, 0)}
+    if body_first:
+        body = scene.add_body(place, weight / 10, points=points)
+    beam = scene.add_beam([(0, 0), (L, 0)], LIGHT, elements=2, degree=3)
+    if not body_first:
+        body = scene.add_body(place, weight / 10, points=points)
+    scene.clamp(beam.start)
+    scene.add_joint(fb.Rigid(beam.end, body["hook"]))
+    M = -weight * arm
+    w = -weight * (L**3 / (3 * EI) + L / GA) + M * L**2 / (2 * EI)
+    turn = M * L / EI - weight * L**2 / (2 * EI)
+    solution, sunk = fb.static(scene, linear=True), w + turn * arm
+    assert solution.displacement(body.centre)[-1, 1] == pytest.approx(sunk, rel=1e-8)
+    assert solution.energy.potential[-1] == pytest.approx(weight * sunk, rel=1e-8)
+    assert solution.energy.strain[-1] == pytest.approx(-weight * sunk / 2, rel=1e-8)
+    assert abs(solution.energy.balance_error).max() < 1e-8 * abs(weight * sunk)
+
+
+@pytest.mark.parametrize("body_first", [True, False])
+def test_a_taut_line_on_an_arm_is_a_load_in_the_shape_as_it_is_drawn(body_first):
+    """The line is so long that it only pulls, with T along the beam; the arm is along it as well.
+
+    Its moment is zero there, and no stiffness is left of it.
+    """
+    scene, L, T, k, F = fb.Scene(), 2.0, 20.0, 50.0, 3.0
+    if body_first:
+        body = scene.add_body((L + 0.5, 0), 1.0)
+    beam = scene.add_beam([(0, 0), (L, 0)], LIGHT, elements=2, degree=3)
+    if not body_first:
+        body = scene.add_body((L + 0.5, 0), 1.0)
+    scene.clamp(beam.start)
+    pair = (body.centre, beam.end) if body_first else (beam.end, body.centre)
+    joint = scene.add_joint(fb.Rigid(*pair, offset=(-0.5 if body_first else 0.5, 0)))
+    spring = fb.Spring(k, rest=1e6 - T / k)
+    line = scene.add_force_between(body.centre, (L + 0.5 + 1e6, 0), spring)
+    scene.add_force(beam.end, (0, F))
+    solution = fb.static(scene, linear=True)
+    u, w = solution.displacement(beam.end)[-1]
+    pull = T - k * u
+    assert w == pytest.approx(F * (L**3 / (3 * EI) + L / GA), rel=1e-5)
+    assert u == pytest.approx(T / (EA / L + k), rel=1e-5)
+    assert solution.joint(line).force[-1] == pytest.approx(pull, rel=1e-6)
+    assert solution.joint(joint).force[-1, 0] == pytest.approx(
+        (1, -1)[body_first] * -pull, rel=1e-6
+    )
+    assert solution.reaction(beam.start)[-1] == pytest.approx([-pull, -F, -F * L], rel=1e-5)
+    stored = k / 2 * (pull / k) ** 2 - k / 2 * (T / k) ** 2
+    assert np.diff(solution.energy.springs) == pytest.approx(stored, rel=1e-3)
 
 
 def test_joints_are_those_of_the_reference():
