@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
-from fx_beam.coupling.map_slopes import map_slopes
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.fields import nodes_of_elements
@@ -15,9 +14,6 @@ from fx_beam.step.model import Model
 
 from .load_steps import LoadStepper
 from .small_loads import SmallLoads
-
-# Part of a unit for differences of the maps of joints.
-_PART = 1e-5
 
 
 def check_forces(model: Model) -> None:
@@ -42,7 +38,7 @@ def geometric_stiffness(small: SmallLoads, stepper: LoadStepper) -> scipy.sparse
     K = _beam_part(small, model) + _line_part(small, model)
     motions.stiffness(small.state)  # the couplings are then those of this state
     T = motions.coupling()
-    return (T.T @ K @ T + _joint_part(small, model)).tocsr()
+    return (T.T @ K @ T + _joint_part(small, model, T)).tocsr()
 
 
 def _assembled(dofs: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_matrix:
@@ -116,23 +112,33 @@ def _line_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     return _assembled(np.array(dofs), np.array(blocks), size + 1)[:size, :size]
 
 
-def _joint_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
-    """Part of forces r in joints with arms: d(Tv(y)^T r)/dy by central differences of Tv."""
-    reduction, state = model.reduction, small.state
-    independent = reduction.independent
-    arms = np.zeros(model.size)
-    for joint in model.couplings.arm_joints:
-        if joint.a is not GROUND:
-            arms[rotation_of(joint.a)] = 1.0
-    if reduction.couplings.is_selection or not arms.any():
-        return scipy.sparse.csr_matrix((len(independent),) * 2)
-    r = small.slope(small.forces)
-    reduction.begin(state.q, state.slides)
-    turning = np.flatnonzero(reduction.maps.moves(arms)[independent])
+def _joint_part(
+    small: SmallLoads, model: Model, T: scipy.sparse.csr_matrix
+) -> scipy.sparse.csr_matrix:
+    """Part (unknowns, unknowns) of forces f in joints: f.d2x of b at x = x_a + R (arm + s axis).
 
-    def project() -> np.ndarray:
-        return reduction.maps.coupling(virtual=True)[:, independent].T @ r
-
-    y, driven = np.zeros(reduction.free), np.zeros(reduction.driven)
-    steps = _PART * model.units.unknowns[independent]
-    return map_slopes(reduction, project, y, driven, turning, steps)
+    Forces change by the loads as they are seen from a, like N and Q of a stiff member.
+    """
+    reduction, state, size = model.reduction, small.state, model.size
+    joints = [joint for joint in model.couplings.arm_joints if joint.a is not GROUND]
+    dependence = reduction.maps.dependence_matrix()[:, reduction.independent]
+    # Rotations of a, then slides.
+    motions = scipy.sparse.vstack([T, dependence], "csr")
+    forces = small.solution.recorded("joint_forces")[..., :2]
+    slopes, entries = small.slope(forces), []
+    for joint in joints:
+        turn, number = rotation_of(joint.a), joint.number
+        (x, y), psi = forces[0, number], state.q[turn]
+        f = slopes[number] - small.D[turn] * np.array([-y, x])
+        turned = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
+        arm, slide = turned @ joint.offset, size + model.couplings.slides.get(number, 0)
+        if joint.axis is not None:
+            axis = turned @ joint.axis
+            arm = arm + state.slides[number] * axis
+            mixed = f @ (-axis[1], axis[0])
+            if number in model.couplings.slides:
+                entries += [(turn, slide, mixed), (slide, turn, mixed)]
+        entries.append((turn, turn, -f @ arm))
+    rows, columns, values = np.reshape(entries, (-1, 3)).T
+    places, shape = (rows.astype(int), columns.astype(int)), (motions.shape[0],) * 2
+    return motions.T @ scipy.sparse.csr_matrix((values, places), shape) @ motions

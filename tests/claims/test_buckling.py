@@ -160,6 +160,46 @@ def test_a_force_across_a_rod_couples_its_stretch_with_its_turn():
     assert fb.buckling(scene, n=1).load_factors[0] == pytest.approx(lowest, rel=1e-6)
 
 
+def test_a_force_across_a_slide_couples_it_with_the_turn_of_its_guide():
+    """A block at the hinge of its guide: K of turn psi and slide s, and -P s psi by the force."""
+    scene, turning, sliding = fb.Scene(), 2.0, 8.0
+    guide, block = (scene.add_body((0, 0), mass=1.0, inertia=1.0).centre for _ in range(2))
+    scene.add_joint(fb.Revolute(fb.GROUND, guide, spring=fb.Spring(turning)))
+    scene.add_joint(fb.Prismatic(guide, block, axis=(1, 0), spring=fb.Spring(sliding)))
+    scene.add_force(block, (0, 1.0))
+    factor = math.sqrt(turning * sliding)
+    assert fb.buckling(scene).load_factors == pytest.approx([factor], rel=1e-9)
+
+
+def frame_with_brackets(load, stiff):
+    """A deck on two posts, on brackets that are stiff members or rigid joints."""
+    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=10.0)
+    left = scene.add_beam([(0, 0), (0, 1)], section, elements=4)
+    right = scene.add_beam([(2, 0), (2, 1.2)], section, elements=4)
+    deck = scene.add_beam([(0.2, 1.1), (1.7, 1.3)], section, elements=4)
+    scene.clamp(left.start)
+    scene.pin(right.start)
+    for a, b in ((left.end, deck.start), (deck.end, right.end)):
+        if stiff:
+            scene.add_beam([a, b], fb.Section(EA=stiff, GA=stiff, EI=stiff), elements=1)
+        else:
+            scene.add_joint(fb.Rigid(a, b, offset=(b.x - a.x, b.y - a.y)))
+    scene.add_force(deck.node(0.5), load)
+    return scene
+
+
+def test_about_a_state_a_rigid_joint_is_a_stiff_member():
+    stiff, rigid = (
+        fb.buckling(
+            frame_with_brackets((0.3, -1.0), EA),
+            fb.static(frame_with_brackets((1.0, -3.0), EA)),
+            n=3,
+        ).load_factors
+        for EA in (1e8, None)
+    )
+    assert rigid == pytest.approx(stiff, rel=1e-5)
+
+
 def with_stop(gap):
     scene, beam = column()
     scene.clamp(beam.start)
