@@ -95,7 +95,9 @@ def buckling(
 
 
 def _modes(path: LoadPath, n: int) -> BucklingModes:
-    first = held_at_nodes(path.stepper, path.first_state())
+    first = path.first_state()
+    if path.from_rest:  # in a state joints have the forces of its loads
+        first = held_at_nodes(path.stepper, first)
     path.forcing.keep_start()
     path.stepper.path.held[:] = 0.0  # forces that hold the state do not fade
     check_forces(path.model)
