@@ -11,10 +11,13 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from fx_beam.errors import SceneError, is_whole, require
+from fx_beam.motions.initial_state import end_of
 from fx_beam.results.buckling_modes import BucklingModes
 from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
 from fx_beam.results.vibrations import modes_of
 from fx_beam.scene.scene import Scene
+from fx_beam.step.model import Model
 from fx_beam.step.rounding import warn_of_rounding
 from fx_beam.step.sparse_lu import LU
 
@@ -51,9 +54,9 @@ def buckling(
         prescribed motions and motors; not the forces of springs that are under tension in the
         reference.
     state : Solution, optional
-        An equilibrium, from `static`, with loads that stay, such as prestress or the weight: its
-        last row. The loads of `scene` are then those which increase beside them. By default the
-        reference configuration without loads.
+        An equilibrium at rest, from `static`, with loads that stay, such as prestress or the
+        weight: its last row. They are dead loads. The loads of `scene` are then those which
+        increase beside them. By default the reference configuration without loads.
     n : int
         Number of load factors; fewer are given if there are fewer positive ones.
     t : float
@@ -67,8 +70,9 @@ def buckling(
     Raises
     ------
     SceneError
-        If the state is unstable or free to move; for loads that follow the motion or have a law of
-        their own, contact, and nodes that slide on beams; or if no positive load factor exists.
+        If the state is unstable, free to move, moves or turns, or has natural strains and the scene
+        has none; for loads that follow the motion or have a law of their own, contact, and nodes
+        that slide on beams; or if no positive load factor exists.
 
     References
     ----------
@@ -91,6 +95,8 @@ def buckling(
     expected = "a Solution, such as that of fx_beam.static"
     require(isinstance(state, Solution | None), "buckling: state", state, expected)
     path = LoadPath(scene, StaticOptions(what="buckling", t=t), state)
+    if state is not None:
+        _check_state(end_of(state), path.model)
     return path.finished(partial(_modes, path, n))
 
 
@@ -108,6 +114,20 @@ def _modes(path: LoadPath, n: int) -> BucklingModes:
     shapes = motions.coupling() @ vectors
     modes = modes_of(path.model, small.state.q, shapes, zeros, zeros > 0, zeros, zeros * 1j)
     return BucklingModes(factors, modes)
+
+
+def _check_state(state: State, model: Model) -> None:
+    """SceneError for a state whose rates or natural strains would count for nothing."""
+    if state.v.any():
+        raise SceneError(
+            "buckling: the state moves or turns. Take an equilibrium at rest; for one that turns "
+            "give all loads to fx_beam.static, with its spin, which counts the unstable modes"
+        )
+    if state.natural is not None and state.natural.any() and not model.data.natural:
+        raise SceneError(
+            "buckling: the state has natural strains, but the scene has none. Add one to it, of "
+            "zero for one that stays: scene.add_natural_strain(beam, axial=0.0)"
+        )
 
 
 def _lowest(small: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray, np.ndarray]:

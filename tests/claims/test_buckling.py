@@ -94,6 +94,31 @@ def test_prestress_stays_while_the_loads_rise():
     assert factors == pytest.approx([EULER + 5.0], rel=1e-5)
 
 
+def test_natural_strains_of_a_state_stay():
+    """A bar and a spring behind it of the same stiffness: half of the load compresses the bar."""
+
+    def held(strains, load=0.0):
+        scene, bar = one_bar((0, 1), fb.Section(EA=1e6, GA=1e6, EI=1.0), 8, 3, load=(0, -load))
+        two_hinges(scene, bar)
+        scene.add_force_between(bar.end, (0, 3), spring=fb.Spring(1e6, rest=2.0))
+        for strain in strains:
+            scene.add_natural_strain(bar, axial=strain)
+        return scene
+
+    cold = fb.static(held([-5e-6]))
+    load = fb.buckling(held([0.0], 1.0), cold, n=1).load_factors
+    assert load == pytest.approx([2 * (EULER + 2.5)], rel=1e-4)
+    assert_refused("natural strains", fb.buckling, held([], 1.0), cold)
+
+
+def test_a_state_that_turns_is_refused():
+    scene, beam = column()
+    scene.clamp(beam.start)
+    turning = fb.static(scene, spin=5.0)
+    scene.add_force(beam.end, (0, -1.0))
+    assert_refused("turns", fb.buckling, scene, turning)
+
+
 def test_rigid_links_with_springs_buckle_as_their_two_by_two_matrix_says():
     scene, links = fb.Scene(), []
     for y in (0, 1):
