@@ -47,7 +47,9 @@ def first_order(
             holding = stepper.loop.forcing.first
             lifts = small.curvature(close.q.reshape(len(close.t), -1) @ holding)
             bends["springs"] -= lifts
-            bends["work"] -= bends["potential"] + lifts
+            held_work = stepper.path.held @ small.y  # of what still holds slides, and fades
+            rises["work"] += held_work
+            bends["work"] -= bends["potential"] + lifts + held_work / 2
             bends["potential"] *= 0.0
             starts = {key: part[0] for key, part in vars(rows).items()}
             histories[name] = Energy(

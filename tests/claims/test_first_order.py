@@ -171,6 +171,28 @@ def test_a_taut_line_on_an_arm_is_a_load_in_the_shape_as_it_is_drawn(body_first)
     assert np.diff(solution.energy.springs) == pytest.approx(stored, rel=1e-3)
 
 
+@pytest.mark.parametrize("joint", [fb.Prismatic, fb.PinInSlot])
+def test_a_spring_on_a_slide_under_tension_is_let_go_against_both_beams(joint):
+    """Two cantilevers along x meet in a slide along y; its spring is pushed together by s."""
+    L, k, s = 2.0, 30.0, 0.4
+    scene, left = clamped_bar((L, 0), LIGHT, elements=2, degree=3)
+    right = scene.add_beam([(2 * L, 0), (L, 0)], LIGHT, elements=2, degree=3)
+    scene.clamp(right.start)
+    # Where the ends turn alike, as in a prismatic joint, each is a cantilever with a guided end.
+    guided = joint is fb.Prismatic
+    compliance = L**3 / ((12 if guided else 3) * EI) + L / GA
+    slide = scene.add_joint(joint(left.end, right.end, axis=(0, 1), spring=fb.Spring(k, rest=s)))
+    if guided:
+        scene.fix(left.end, "rotation")
+    solution = fb.static(scene, linear=True)
+    opened = s * k / (k + 0.5 / compliance)
+    assert solution.joint(slide).slide[-1] == pytest.approx(opened, rel=1e-8)
+    assert solution.energy.springs == pytest.approx([k / 2 * s**2, k / 2 * (opened - s) ** 2])
+    stored = 2 * (opened / 2) ** 2 / (2 * compliance)
+    assert solution.energy.strain[-1] == pytest.approx(stored, rel=1e-8)
+    assert abs(solution.energy.balance_error).max() < 1e-8 * stored
+
+
 def test_joints_are_those_of_the_reference():
     # A hinged beam in the middle: the hinge has no moment, and each half is a cantilever.
     scene, left = clamped_bar((1, 0), SECTION, elements=2, degree=3)
