@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from threading import RLock
 from time import perf_counter
 from typing import Any, NamedTuple
+from weakref import finalize
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.step import full_turns
 from fx_beam.step.held_inputs import HeldInputs
-from fx_beam.step.interrupts import ctrl_c_waits, one_thread
+from fx_beam.step.interrupts import Method, ctrl_c_waits, one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
@@ -29,8 +31,11 @@ from fx_beam.step.single_steps import CompiledSingleSteps
 from .evaluation import solution_of
 from .mark import Mark
 from .measurement import Instant, fitted_state, fitted_value, readings
+from .motion_series import MotionSeries
 from .options import MOST_STEPS, Grid, Options, check_scene, grid_from
 from .prepared import Prepared, state_of
+from .set_ups import RECENT
+from .surroundings import thread_series
 
 # Steps for whose rows room is made at once.
 _ROWS = 1024
@@ -271,6 +276,17 @@ class OpenMotion:
         self.begin(snapshot.state, snapshot.turns, Grid(*snapshot.step, self._dt))
 
 
+def one_motion(method: Method) -> Method:
+    """A method for one thread, while which no other one reads solutions of the same set-up."""
+
+    @functools.wraps(method)
+    def alone(self: Motion, *arguments, **options):
+        with self._prepared.model.lock:
+            return method(self, *arguments, **options)
+
+    return one_thread(alone)  # type: ignore[return-value]
+
+
 Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
 
 
@@ -371,21 +387,24 @@ class Motion:
         outputs = dict(outputs)
         self._arguments = passed | {"scheme": options.scheme, "dt": self._dt, "outputs": outputs}
         held_inputs = HeldInputs(scene)
-        self._prepared = prepared = Prepared(held_inputs.scene, options)
-        if start is not None:
-            state = state_of(prepared.model, start)
-            held_inputs.resume(prepared.forcing, state)
-        self._open = OpenMotion(prepared, held_inputs, self._dt, record)
-        every = record is not None and record.rates and record.every == 1
-        last_row = self._open.last_row if every else None
-        self._readings = readings(prepared, self._open.value, outputs, last_row)
-        state = prepared.first_state(self._dt, start)
-        self._open.begin(state, np.zeros(prepared.model.size), grid_from(state.t, self._dt))
+        series = thread_series() or MotionSeries(cache=RECENT)
+        self._prepared = prepared = series.prepare(held_inputs.scene, options)
+        finalize(self, series.give_back, prepared).atexit = False
+        with prepared.model.lock:
+            if start is not None:
+                state = state_of(prepared.model, start)
+                held_inputs.resume(prepared.forcing, state)
+            self._open = OpenMotion(prepared, held_inputs, self._dt, record)
+            every = record is not None and record.rates and record.every == 1
+            last_row = self._open.last_row if every else None
+            self._readings = readings(prepared, self._open.value, outputs, last_row)
+            state = prepared.first_state(self._dt, start)
+            self._open.begin(state, np.zeros(prepared.model.size), grid_from(state.t, self._dt))
         prepared.stats.setup_seconds = perf_counter() - clock
 
     # -- Steps ------------------------------------------------------------------------------------
 
-    @one_thread
+    @one_motion
     def step(self, inputs: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Take one step.
 
@@ -414,7 +433,7 @@ class Motion:
         self._prepared.stats.seconds += perf_counter() - clock
         return outputs
 
-    @one_thread
+    @one_motion
     def run(self, t_end: float, controller: Controller | None = None) -> dict[str, Any]:
         """Take steps up to a time.
 
@@ -464,7 +483,7 @@ class Motion:
         return self._open
 
     @property
-    @one_thread
+    @one_motion
     def t(self) -> float:
         """Present time [s]."""
         return self._open.now.t
@@ -475,20 +494,20 @@ class Motion:
         return self._dt
 
     @property
-    @one_thread
+    @one_motion
     def q(self) -> np.ndarray:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
         motion = self._settled
         return (motion.arrays("q") + motion.now.turns).reshape(-1, 3)
 
     @property
-    @one_thread
+    @one_motion
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
         return np.array(self._settled.value("v")).reshape(-1, 3)
 
     @property
-    @one_thread
+    @one_motion
     def slides(self) -> np.ndarray:
         """Present slides of the joints, (joints,) [m]; NaN of those that were removed."""
         slides = self._settled.arrays("slides").copy()
@@ -496,7 +515,7 @@ class Motion:
         return slides
 
     @property
-    @one_thread
+    @one_motion
     def inputs(self) -> dict[str, Any]:
         """Present values of the inputs: a number, or an array (2,) of an input without factor."""
         return {
@@ -505,26 +524,26 @@ class Motion:
         }
 
     @property
-    @one_thread
+    @one_motion
     def outputs(self) -> dict[str, Any]:
         """The outputs in the present state; forces are those of the last step, at first zero."""
         self._open.settle()
         return {name: read() for name, read in self._readings.items()}
 
     @property
-    @one_thread
+    @one_motion
     def stats(self) -> Stats:
         """Statistics of all steps so far."""
         self._settled.count()
         return copy(self._prepared.stats)
 
     @property
-    @one_thread
+    @one_motion
     def state(self) -> Solution:
         """The present state, a solution of one row: for `start`, `modes`, `linearise`, pictures."""
         return self._open.solution(self.stats)
 
-    @one_thread
+    @one_motion
     def solution(self) -> Solution:
         """Motion that was recorded since the start or since the last `restore`.
 
@@ -549,7 +568,7 @@ class Motion:
 
     # -- Snapshots --------------------------------------------------------------------------------
 
-    @one_thread
+    @one_motion
     def snapshot(self) -> Snapshot:
         """Everything that the next steps depend on, for `restore`; it can be pickled.
 
@@ -562,7 +581,7 @@ class Motion:
         step = present.course.grid.origin, present.course.grid.first + present.number
         return Snapshot(present.t, state, step, present.turns)
 
-    @one_thread
+    @one_motion
     def restore(self, snapshot: Snapshot) -> dict[str, Any]:
         """Return to a snapshot. The next steps are the same, to round-off; the record begins anew.
 

@@ -195,3 +195,21 @@ def test_static_responses_have_derivatives_of_their_own_path():
         scene = column(EI, load=-1.0)
         tips.append(fb.static(scene).position(scene.beams[0].end))
     np.testing.assert_allclose(expected[..., 0], (tips[1] - tips[0]) / (2 * h), atol=1e-7)
+
+
+def test_a_motion_goes_on_after_a_solution_of_its_set_up_was_read():
+    def stepped(*earlier):
+        steps = fb.Motion(bar(12.0), dt=0.01, record=fb.Record())
+        for k in range(10):
+            steps.step()
+            if k == 4:
+                for solution in earlier:
+                    all_that_is_read(solution)
+        return steps.solution()
+
+    expected = all_that_is_read(stepped())
+    for start in (lambda: motion(10.0), stepped):
+        disturbed = stepped(start())
+        assert not disturbed.stats.setup_reason
+        for key, array in all_that_is_read(disturbed).items():
+            np.testing.assert_array_equal(array, expected[key], err_msg=key)

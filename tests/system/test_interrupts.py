@@ -1,5 +1,6 @@
 """An interrupt may come anywhere: a step is taken or it is not, and what was computed is kept."""
 
+import gc
 import itertools
 import signal
 import threading
@@ -188,6 +189,7 @@ def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctr
     monkeypatch.setattr(RECENT, "size", 0)
     if name == "turns":
         monkeypatch.setattr(full_turns, "STEPS", 3)
+    gc.collect()  # nor has it libraries of the tests before
     whole = run()
     steps, end = lines_of(run)
     # Not at the beginning of the steps: from run to run it is some lines earlier or later.
