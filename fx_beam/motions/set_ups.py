@@ -116,7 +116,8 @@ def bind(model: Model, scene: Scene) -> None:
     """Set all numbers of a model to those of another scene; OtherStructureError if it differs."""
     from fx_beam.step.numbers import data_of
 
-    model.bind(data_of(model, scene))
+    with model.lock:
+        model.bind(data_of(model, scene))
 
 
 def model_for(
