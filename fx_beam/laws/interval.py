@@ -113,8 +113,3 @@ class StepBatch(NamedTuple):
     def with_natural(self, first: np.ndarray, last: np.ndarray) -> StepBatch:
         """One step with natural strains (cells, degree, 3) at its start and end."""
         return self._replace(natural=first.reshape(1, -1), natural_end=last.reshape(1, -1))
-
-    @property
-    def fields(self) -> tuple[np.ndarray, ...]:
-        """Fields, numbered as the kinds of coefficients in problem.h."""
-        return self[2:10]
