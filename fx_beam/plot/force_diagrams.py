@@ -26,6 +26,7 @@ _BESIDE_TIP = 0.06  # of a number, as a fraction of the picture's size
 _BORDER = np.array((0.35, 0.45))  # of a panel, for title and numbers [inch]
 _DENSE = 10.0  # distance between members below which their lines are thinner [points]
 _PIECES = 8  # of an element
+_FINE = 64  # of an element in which an extreme value is sought
 _NAMED = 12  # members up to which each has its extreme value written beside it
 
 
@@ -131,17 +132,35 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinne
     draw_lines(ax, [*tips, *edges], color="0.3", linewidth=0.7 * thinness, zorder=2)
     axes = [points[member].reshape(-1, 2) for member in members]
     draw_lines(ax, axes, linewidth=1.5 * thinness, zorder=3)
-    peaks = []
-    for member in members:
+    peaks, firsts = {}, dict(zip(beams, ends, strict=False))
+    for name, member in zip(beams, members, strict=True):
         element, piece = np.unravel_index(abs(values[member]).argmax(), values[member].shape)
-        peaks.append((member.start + int(element), int(piece)))
+        peaks[name] = member.start + int(element), int(piece)
     if len(peaks) > _NAMED:
-        peaks = [max(peaks, key=values.__getitem__), min(peaks, key=values.__getitem__)]
+        high, low = (pick(peaks, key=lambda name: values[peaks[name]]) for pick in (max, min))
+        peaks = {high: peaks[high], low: peaks[low]}
     box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
-    for peak in peaks:
+    for name, peak in peaks.items():
         if abs(values[peak]) > 1e-9 * largest:
             outwards = np.sign(values[peak]) * side[peak] / np.linalg.norm(side[peak])
             label_place = tips[peak] + _BESIDE_TIP / 2 * drawing.size * outwards
             centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 7}
-            ax.annotate(three_digits(values[peak]), label_place, bbox=box, **centred)
+            element = peak[0] - firsts[name]
+            extreme = _extreme(drawing.solution, name, quantity, row, element, values[peak])
+            ax.annotate(three_digits(extreme), label_place, bbox=box, **centred)
     draw_surroundings(ax, drawing, row)
+
+
+def _extreme(
+    solution: Solution, name: str, quantity: str, row: int, element: int, drawn: float
+) -> float:
+    """Extreme value of a member, of the sign of one drawn in an element: there, or at a load."""
+    resultants = solution.resultants(name)
+    try:
+        balance = resultants.balanced()
+    except ValueError:  # it is not known
+        return drawn
+    fine = np.linspace(balance.s[element], balance.s[element + 1], _FINE + 1)
+    places, sign = np.append(fine, balance.places), np.sign(drawn)
+    sides = [resultants.at(places, side) for side in ("before", "after")]
+    return float(sign * max((sign * getattr(side, quantity)[row]).max() for side in sides))

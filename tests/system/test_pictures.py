@@ -476,6 +476,22 @@ def test_the_extreme_moment_of_a_cantilever_is_that_of_statics_at_its_clamp(elem
     assert extreme.lstrip("-\u2212") == f"{10.0 * 2 + 1.0 * 2**2 / 2:g}"
 
 
+@pytest.mark.parametrize("elements", [1, 3])
+def test_the_extreme_moment_is_found_under_loads_and_where_a_parabola_has_its_vertex(elements):
+    scene, section = fb.Scene(), fb.Section(EA=1e8, GA=1e8, EI=1e6)
+    beams = [scene.add_beam([(0, y), (8, y)], section, elements) for y in (0, 1)]
+    for beam in beams:
+        scene.pin(beam.start)
+        scene.fix(beam.end, "y")
+    scene.add_force(beams[0].at(3.5), (0, -1.0))
+    scene.add_line_load(beams[1], (0, -1.0))
+    scene.add_moment(beams[1].end, 6.0)
+    solution = fb.static(scene, linear=True)
+    figure = plot.diagrams(solution, None, quantities=["M"], deformed=False)
+    texts = [text.get_text() for text in figure.axes[0].texts]
+    assert texts == [f"{3.5 * 4.5 / 8:.3g}", f"{(4 + 6 / 8) ** 2 / 2:.3g}"]
+
+
 def test_a_moment_is_drawn_on_the_side_in_tension_and_a_shear_force_changes_its_side(
     girder, tmp_path
 ):
