@@ -276,7 +276,7 @@ class PullMotion(_PartMotion):
 
         The pull times the change of the length: what its springs store and its dampers, friction
         and stops lose, less what an additional force gives. Their sum over the steps is exact by
-        `EnergyMomentum`, else to second order. Of a bed it is that of all nodes, which is stored. A
+        `EnergyMomentum` of order 2 but for rotations, else to second order. Of a bed it is that of all nodes, which is stored. A
         row for every step is required; ValueError without, and in statics.
         """
         length = self.length

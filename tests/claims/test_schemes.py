@@ -223,3 +223,24 @@ def test_nothing_is_set_on_a_step():
     for name in ("load_factor", "loadfactor"):
         with pytest.raises(FrozenInstanceError):
             setattr(step, name, 2.0)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.005])
+def test_reactions_of_driven_masses_alternate_by_newmarks_rule_alone(dt):
+    """The mass m follows x = j t^3 / 6, so that its reaction is m j t."""
+    m, j = 2.0, 3.0
+    scene = fb.Scene()
+    mass = scene.add_body((0, 0), m).centre
+    scene.prescribe(mass, x=lambda t: j * t**3 / 6)
+    scene.fix(mass, "y", "rotation")
+
+    def errors(scheme):
+        solution = fb.simulate(scene, scheme, dt=dt, t_end=1.0)
+        return solution.reaction(mass)[1:, 0] - m * j * solution.t_level[1:]
+
+    newmark = errors(fb.Newmark())
+    assert abs(newmark[-1]) == pytest.approx(m * j / 3, rel=1e-6)
+    assert newmark[-2] * newmark[-1] < 0
+    assert abs(newmark[-1] + newmark[-2]) / 2 < 0.5 * m * j * dt
+    assert abs(errors(fb.EnergyMomentum())).max() < 1e-8 * m * j
+    assert abs(errors(fb.HHT())[-1]) < 1e-3 * m * j
