@@ -276,8 +276,9 @@ class PullMotion(_PartMotion):
 
         The pull times the change of the length: what its springs store and its dampers, friction
         and stops lose, less what an additional force gives. Their sum over the steps is exact by
-        `EnergyMomentum` of order 2 but for rotations, else to second order. Of a bed it is that of all nodes, which is stored. A
-        row for every step is required; ValueError without, and in statics.
+        `EnergyMomentum` of order 2 but for rotations, else to second order. Of a bed it is that of
+        all nodes, which is stored. A row for every step is required; ValueError without, and in
+        statics.
         """
         length = self.length
         is_bed = length.ndim > 1
