@@ -217,8 +217,10 @@ class SceneForces:
         ways = force.ways(self._X[nodes])
         for node, way, length in zip(nodes, ways, force.lengths, strict=True):
             dofs = self._mesh.dofs[node, :2].tolist()
-            for law, (stiffness, *numbers) in self._coordinate_laws(force.on, DISPLACEMENT):
-                yield PointForce(law, [*way, stiffness * length, *numbers], dofs, **member)
+            for law, numbers in self._coordinate_laws(force.on, DISPLACEMENT):
+                # The first number of a bed is a stiffness; laws of a user may have none.
+                numbers[:1] = [number * length for number in numbers[:1]]
+                yield PointForce(law, [*way, *numbers], dofs, **member)
 
     def _coordinate_laws(
         self, coordinate: Any, kind: CoordinateKind

@@ -35,6 +35,14 @@ def test_forces_in_statics_are_those_of_the_loads_along_the_axis():
     assert rest.rotation(body)[-1] == pytest.approx(0.05)
 
 
+def test_a_damper_with_a_law_of_its_own_brakes_a_body():
+    """m v' = -c v^2: v = v0 / (1 + c v0 t / m)."""
+    scene, body, _ = held_body(x=fb.Damper(law=lambda rate: 3 * abs(rate) * rate))
+    scene.set_velocity(body, (4.0, 0.0))
+    braked = fb.simulate(scene, dt=1e-3, t_end=0.5)
+    assert braked.velocity(body)[-1, 0] == pytest.approx(4.0 / (1 + 3 * 4 * 0.5 / 2), rel=1e-5)
+
+
 def test_a_cantilever_in_a_rotational_spring():
     """Its end sinks by F l^3 / (3 EI) + F l^2 / k + F l / GA."""
     scene, beam = pinned_bar((2, 0), fb.Section(EA=1e4, GA=1e4, EI=100.0), elements=2, degree=3)
