@@ -77,7 +77,7 @@ class LoadPath:
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began = time.perf_counter()
         self._lease = model_for(connected, _AT_REST, settles=True)
-        self.model: Model = (model := self._lease.set_up)
+        self.model: Model = (model := self._lease.model)
         self._data = model.data
         self.stats = stats_of(model, solver="sparse lu", static=True)
         if options.continuation is not None and len(model.points.followed):

@@ -173,7 +173,7 @@ class Linearisation:
         """
         kind = MidPoint(), self.models.get("damped")
         self.models["damped"] = lease = model_for(self.model.scene, *kind, instant=True)
-        return lease.set_up
+        return lease.model
 
     @property
     def has_potential(self) -> bool:
@@ -281,7 +281,7 @@ def linearised(
     flows = any(law.internal for law in [*springs, *(beam.section for beam in scene.beams)])
     kind = {"mobile": True} | ({"instant": True} if flows else {})
     models["plain"] = lease = model_for(driven_scene, Equilibrium(), models.get("plain"), **kind)
-    model: Model = lease.set_up
+    model: Model = lease.model
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
         factor, start = _last(model, state, caller)

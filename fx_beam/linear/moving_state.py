@@ -105,7 +105,7 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     elif solution.stats.static:
         factor = float(solution.t[-1])
     lease, frame = model_for(inputs.scene, EnergyMomentum(), instant=True), None
-    model: Model = lease.set_up
+    model: Model = lease.model
     check_unknowns(model, caller)
     forcing = Forcing(model)
     state = reference_state(model)

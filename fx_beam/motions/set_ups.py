@@ -83,26 +83,6 @@ class SetUps(Generic[T]):
             del waiting[:1]
 
 
-class Lease(Generic[T]):
-    """A set-up for one user; it returns to its cache as soon as no object has the lease."""
-
-    def __init__(
-        self, cache: SetUps[T], kind: Hashable, bind: Callable[[T], None], make: Callable[[], T]
-    ):
-        self._cache, self._is_over = cache, True
-        #: What is leased.
-        self.set_up = cache.take(kind, bind, make)[0]
-        self._is_over = False
-
-    def end(self) -> None:
-        """Return the set-up to the cache, once: it may be in use by another lease since."""
-        was_over, self._is_over = self._is_over, True
-        if not was_over:
-            self._cache.give_back(self.set_up)
-
-    __del__ = end
-
-
 #: Set-ups of all that is called by itself, from any thread.
 RECENT: SetUps[Any] = SetUps(size=25_000)
 
@@ -120,21 +100,38 @@ def bind(model: Model, scene: Scene) -> None:
         model.bind(data_of(model, scene))
 
 
-def model_for(
-    scene: Scene, scheme: Scheme, last: Lease[Model] | None = None, **kind: bool
-) -> Lease[Model]:
+class Lease:
+    """A model of a scene for one user; it returns to `RECENT` as soon as no object has the lease.
+
+    Or a new one, by `options` of `Model`.
+    """
+
+    def __init__(self, scene: Scene, scheme: Scheme, **options: bool):
+        self._is_over = True
+        #: The model.
+        self.model: Model = RECENT.take(
+            kind_of(scene, type(scheme), *options),
+            lambda model: bind(model, scene),
+            lambda: Model(scene, scheme, **options),
+        )[0]
+        self._is_over = False
+
+    def end(self) -> None:
+        """Return the model, once: it may be in use by another lease since."""
+        was_over, self._is_over = self._is_over, True
+        if not was_over:
+            RECENT.give_back(self.model)
+
+    __del__ = end
+
+
+def model_for(scene: Scene, scheme: Scheme, last: Lease | None = None, **options: bool) -> Lease:
     """The lease of a model for a scene: the `last` one if its owner has it for this structure."""
     call_with_arrays(scene)
     if last is not None:
         try:
-            bind(last.set_up, scene)
+            bind(last.model, scene)
             return last
         except OtherStructureError:
             last.end()
-    whole_kind = kind_of(scene, type(scheme), *kind)
-    return Lease(
-        RECENT,
-        whole_kind,
-        lambda model: bind(model, scene),
-        lambda: Model(scene, scheme, **kind),
-    )
+    return Lease(scene, scheme, **options)
