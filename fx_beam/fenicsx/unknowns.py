@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import functools
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import scipy.sparse
 
-from fx_beam.coupling.map_slopes import map_slopes
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.scene.joints import GROUND
 
@@ -153,12 +150,26 @@ class JointUnknowns(SharedUnknowns):
         small = self._assembly.model.size <= _SMALL
         Tv, K, self._T = (A.toarray() if small else A for A in (self.Tv, K, self.T))
         A = scipy.sparse.csr_matrix(Tv.T @ K @ self._T)
-        if len(self._moving):  # (dTv/dy)^T r, and slopes of forces on slides
-            steps = _PART * self._assembly.model.units.unknowns[self.independent]
-            project = functools.partial(self.reduced_force, r)
-            A = A + map_slopes(self._reduction, project, y, driven, self._moving, steps)
+        if len(self._moving):
+            A = A + self._slopes_of_maps(y, driven, r)
         self.A.setPreallocationCSR(csr_of(self._rows(A.tocsr())))
         self.A.assemble()
+
+    def _slopes_of_maps(
+        self, y: np.ndarray, driven: np.ndarray, r: np.ndarray
+    ) -> scipy.sparse.csr_matrix:
+        """(dTv/dy)^T r (n, n), with slopes of forces on slides, by central differences."""
+        n, moving = self.size, self._moving
+        slopes, units = np.zeros((n, len(moving))), self._assembly.model.units.unknowns
+        for slope, unknown in zip(slopes.T, self.independent[moving], strict=True):
+            for step in (_PART * units[unknown], -_PART * units[unknown]):
+                place = y.copy()
+                place[unknown] += step
+                self._reduction.increment(place, driven)
+                slope += self.reduced_force(r) / (2 * step)
+        self._reduction.increment(y, driven)
+        entries = slopes.ravel(), np.tile(moving, n), len(moving) * np.arange(n + 1)
+        return scipy.sparse.csr_matrix(entries, (n, n))
 
     def _which_turn(self) -> np.ndarray:
         """Unknowns that turn arms of joints, close loops, move beams with sliders, or slide."""
