@@ -1,4 +1,4 @@
-"""Outputs of nodes, joints and beams: their derivatives by states, forces and numbers."""
+"""Outputs of nodes, joints, beams and lines: derivatives by states, forces and numbers."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fx_beam.fem.beam_slopes import BeamSlopes
+from fx_beam.fem.point_values import PointValues
 from fx_beam.laws.interval import StepBatch
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import BeamPlace
@@ -23,6 +24,8 @@ _FORCES = {
     "joint_forces": ("joints", "forces of joints", "impulses of joints"),
     "constraint_forces": ("constraints", "forces of columns", "impulses of columns"),
 }
+# Pulls (lines,) at the start of a run.
+_AT_START = "forces of lines"
 # Numbers of the scene that outputs read: positions, and those of joints with a slide.
 _NUMBERS = "X", "offsets of slides", "axes of slides"
 
@@ -170,3 +173,62 @@ def _evenly(entries: np.ndarray) -> Chosen:
     first, step = int(entries[0]), int(entries[-1] - entries[0]) // max(len(entries) - 1, 1)
     even = step > 0 and np.array_equal(entries, first + step * np.arange(len(entries)))
     return slice(first, int(entries[-1]) + 1, step) if even else entries
+
+
+class LineOutput(RowOutput):
+    """Quantities of the laws of a line: its force, energy, length or rate."""
+
+    def __init__(self, places: Places, name: str, measured: Measured):
+        super().__init__(places, name, measured)
+        self._line, self._law = measured.place.number, measured.law_quantity
+        self._values = PointValues(self._sub_steps.model.points, self._law, self._line)
+
+
+class PullOutput(LineOutput):
+    """The force of a line at the rows (n,) of a run: the mean over the steps that end there."""
+
+    @classmethod
+    def needs(cls, model: Model, measured: Measured) -> Needs:
+        """As of `RowOutput`."""
+        return super().needs(model, measured)._replace(steps=True)
+
+    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+        """As of `RowOutput`."""
+        sub_steps, places = self._sub_steps, self._places
+        steps = places.steps
+        counting = np.flatnonzero(np.isin(steps.of, rows))
+        for group in sub_steps.groups(counting):
+            which = counting[group]
+            row_numbers, shares = steps.of[which], steps.shares[which, None]
+            numbers = steps.sub_steps[which]
+            blocks = (
+                Block(name, entries, row_numbers, shares * slopes)
+                for name, entries, slopes in self._values.slopes(sub_steps.point_steps(numbers))
+            )
+            yield from sub_steps.in_steps(numbers, blocks)
+        if len(places.at_start):
+            yield of_entries(_AT_START, self._line, 0, places.at_start, 1.0)
+
+
+class StateOutput(LineOutput):
+    """The "energy" that a line stores, its "length" or "rate", at the rows (n,) of a run."""
+
+    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+        """As of `RowOutput`."""
+        sub_steps, model, moves = self._sub_steps, self._sub_steps.model, self._law == "rate"
+        boundaries = sub_steps.boundaries[self._places.ends[rows]]
+        if moves and model.scheme.rates.at_rest:
+            return
+        for group in sub_steps.groups(boundaries):
+            states = sub_steps.at(numbers := boundaries[group])
+            names = ["q", "parameters"]
+            arrays = {name: states[name] for name in names if name in states}
+            if moves:
+                arrays["v"] = states[sub_steps.rates]
+            ones, internal = np.ones(len(numbers)), states["spring internal"]
+            steps = StepBatch(0 * ones, ones, spring_internal=internal, **arrays)
+            blocks = (
+                Block(sub_steps.rates if name == "v" else name, entries, rows[group], slopes)
+                for name, entries, slopes in self._values.slopes(steps)
+            )
+            yield from sub_steps.at_states(numbers, blocks)

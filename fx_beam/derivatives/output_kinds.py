@@ -10,8 +10,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 
 from .energy_outputs import SINCE_START, EnergyOutput, WorkOutput
-from .line_outputs import PullOutput, StateOutput
-from .local_outputs import LocalOutput, ResultantOutput
+from .local_outputs import LocalOutput, PullOutput, ResultantOutput, StateOutput
 from .row_output import Needs, RowOutput
 from .section_outputs import SectionOutput
 
