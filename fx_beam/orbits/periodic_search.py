@@ -284,6 +284,16 @@ class _OverFrequency(Shooting):
         return self._periods / parameter
 
     def run(self, state: State, parameter: float) -> Period:
+        self._bind(parameter)
+        return super().run(state, parameter)
+
+    def solution(self, period: Period) -> Solution:
+        with self.model.lock:
+            self._bind(period.parameter)
+            return super().solution(period)
+
+    def _bind(self, parameter: float) -> None:
+        """Set the numbers of the scene at a frequency [Hz]."""
         if parameter != self._now:
             try:
                 self.prepared.bind(_scene(self._build, parameter))
@@ -293,12 +303,6 @@ class _OverFrequency(Shooting):
                     f"{self._now:.6g} Hz: {other}. Let build change numbers only"
                 ) from other
             self._now = parameter
-        return super().run(state, parameter)
-
-    def solution(self, period: Period) -> Solution:
-        # Later frequencies have changed the numbers of this scene.
-        scene = _scene(self._build, period.parameter)
-        return Shooting(scene, self.options).solution(period)
 
 
 def _scene(build: Build, frequency: float) -> Scene:
