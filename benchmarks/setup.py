@@ -3,7 +3,8 @@
     .venv/bin/python benchmarks/setup.py [runs] [folder of another version ...]
 
 The pinned beam with 8 and 2048 elements, the multi-body system of the demos, a chain of 800
-revolute links, and a square lattice of 64 x 64 cells. This version of the package and others take
+revolute links, and a square lattice of 64 x 64 cells; some whose results are kept, as in a list,
+and a `Motion` that is dropped. This version of the package and others take
 turns, in processes of their own with warm caches. Medians of the processor time of a call, which
 other programs affect less than its time; of the first call in a process the time since the script
 started, `import fx_beam` included.
@@ -58,8 +59,16 @@ def measure():
 
     import fx_beam as fb
 
+    kept = []
+
     def simulate(made):
-        fb.simulate(made, dt=1e-5, t_end=1e-5)
+        return fb.simulate(made, dt=1e-5, t_end=1e-5)
+
+    def static(made):
+        return fb.static(made, load_steps=1)
+
+    def keeping(call):
+        return lambda made: kept.append(call(made))
 
     cases = {
         "8 elements": (lambda: scene("pinned_beam", 8), simulate),
@@ -67,8 +76,15 @@ def measure():
         "multi-body system": (lambda: scene("multibody"), simulate),
         "chain of 800 links": (lambda: chain(fb, 800), simulate),
         "lattice of 64 x 64 cells": (lambda: lattice(fb, 64), simulate),
-        "one cell, static": (lambda: lattice(fb, 1), lambda made: fb.static(made, load_steps=1)),
+        "one cell, static": (lambda: lattice(fb, 1), static),
         "one cell, modes": (lambda: lattice(fb, 1), fb.modes),
+        "8 elements, kept": (lambda: scene("pinned_beam", 8), keeping(simulate)),
+        "2048 elements, kept": (lambda: scene("pinned_beam", 2048), keeping(simulate)),
+        "one cell, static, kept": (lambda: lattice(fb, 1), keeping(static)),
+        "8 elements, Motion": (
+            lambda: scene("pinned_beam", 8),
+            lambda made: fb.Motion(made, dt=1e-5).step() and None,
+        ),
     }
     times = {}
     for name, (make, call) in cases.items():
