@@ -16,7 +16,7 @@ import numpy as np
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.beam_slopes import BeamSlopes
-from fx_beam.fem.point_values import PointValues
+from fx_beam.fem.point_values import PointValues, energy_slopes_of_members
 from fx_beam.laws.interval import StepBatch
 from fx_beam.results.solution import Solution
 from fx_beam.scene.outputs import Measured
@@ -88,9 +88,7 @@ def _springs(sub_steps: SubSteps, rows: Arrays) -> Derivatives:
     states = StepBatch(0 * ones, ones, spring_internal=internal, **arrays)
     slopes = PointValues(points, "energy").summed_slopes(states)
     if points.members is not None:
-        from fx_beam.fem.member_slopes import energy_slopes
-
-        for name, member_slope in energy_slopes(points.members, q, internal).items():
+        for name, member_slope in energy_slopes_of_members(points.members, q, internal).items():
             slopes[name] = slopes.get(name, 0.0) + member_slope
     return slopes
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -11,8 +11,12 @@ import scipy.sparse
 from fx_beam.laws.interval import StepBatch
 from fx_beam.laws.point_laws import StepRule, arguments
 
+from .compiled_laws import derivative_of
 from .line_laws import laws_of_forces
 from .point_forces import PlacedForce, PointForces, Role
+
+if TYPE_CHECKING:
+    from .member_contacts import MemberContacts
 
 #: Forces at an instant, from places and rates at the start of a step.
 AN_INSTANT = StepRule(0.0, turning=False, at_rest=False, instant=True)
@@ -155,3 +159,42 @@ def slopes_by_load_factor(points: PointForces) -> np.ndarray:
     for placed in points.placed[points.external]:
         slopes[placed.first_number + len(placed.numbers) - 1] = 1.0
     return slopes
+
+
+# -- Contact of nodes with members -----------------------------------------------------------------
+
+
+def energy_slopes_of_members(
+    members: MemberContacts, q: np.ndarray, internal: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Derivatives (k, ...) of stored energies: by "q", "spring internal", "members", "X".
+
+    `internal` (k, n) has all variables at points.
+    """
+    numbers, ffi = sum(pair.numbers.size for pair in members.pairs), members.ffi
+    sums = [np.zeros(q.shape), np.zeros(internal.shape), np.zeros((len(q), numbers))]
+    addresses = [
+        0 if law.law.energy is None else law.derivative("energy").address for law in members.laws
+    ]
+    functions = ffi.new("Law *[]", [ffi.cast("Law *", address) for address in addresses])
+
+    def pointer(row: np.ndarray):
+        return ffi.from_buffer("double[]", row)
+
+    for state, *rows in zip(zip(q, internal, strict=True), *sums, strict=True):
+        energy = ffi.new("Energy *", [functions, 0.0, *map(pointer, rows)])
+        members.library.fx_stored_at_members(members.c, energy, *map(pointer, state))
+    X = sums[0].reshape(len(q), -1, 3)[..., :2]
+    return {**dict(zip(("q", "spring internal", "members"), sums, strict=True)), "X": X}
+
+
+def hand_over_slopes(members: MemberContacts, rule: StepRule) -> dict[str, int]:
+    """Hand over what derivatives of forces need besides.
+
+    Returns the numbers of all points, and of arc lengths of nodes, by the names in c/problem.h.
+    """
+    members.slopes = [derivative_of(pair.followed, rule, "forces") for pair in members.pairs]
+    for i, function in enumerate(members.slopes):
+        members.c.of[i].slopes = members.ffi.cast("Law *", function.address)
+    numbers, arcs = (sum(getattr(p, n).size for p in members.pairs) for n in ("numbers", "arc"))
+    return {"member_numbers": numbers, "member_arcs": arcs}

@@ -58,9 +58,9 @@ class TapeDerivatives:
         self._structs.set(self.c, point_numbers=sum(numbers))
         members = problem.model.points.members
         if members is not None:
-            from fx_beam.fem.member_slopes import followed
+            from fx_beam.fem.point_values import hand_over_slopes
 
-            self._structs.set(self.c, **followed(members, problem.model.points.rule))
+            self._structs.set(self.c, **hand_over_slopes(members, problem.model.points.rule))
         elif not problem.c.system.changing:
             self._structs.set(self.c, transposed_at=problem.storage.transposed(problem))
         #: Slides of moving joints in the reference, and the data of which they are.
