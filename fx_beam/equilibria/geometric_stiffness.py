@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
+from fx_beam.coupling.graph import joints_with_arms
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.fields import nodes_of_elements
@@ -120,7 +121,8 @@ def _joint_part(
     Forces change by the loads as they are seen from a, like N and Q of a stiff member.
     """
     reduction, state, size = model.reduction, small.state, model.size
-    joints = [joint for joint in model.couplings.arm_joints if joint.a is not GROUND]
+    arm_joints = joints_with_arms(model.couplings, model.scene)  # those of the scene of now
+    joints = [joint for joint in arm_joints if joint.a is not GROUND]
     dependence = reduction.maps.dependence_matrix()[:, reduction.independent]
     # Rotations of a, then slides.
     motions = scipy.sparse.vstack([T, dependence], "csr")

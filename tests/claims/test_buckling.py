@@ -254,6 +254,24 @@ def test_the_tension_of_a_spring_on_an_arm_does_not_count():
     assert fb.buckling(scene, n=1).load_factors == pytest.approx([EULER / 4], rel=1e-3)
 
 
+def test_a_frame_with_a_slide_has_the_load_factors_of_its_mirror_image():
+    """One after the other: the second has the set-up of the first, with its own joints."""
+
+    def frame(side):
+        scene, section = fb.Scene(), fb.Section(EA=1e5, GA=1e5, EI=50.0)
+        left = scene.add_beam([(0, 0), (0.3 * side, 1)], section, elements=4)
+        right = scene.add_beam([(0.4 * side, 1.05), (0.5 * side, 2)], section, elements=4)
+        scene.clamp(left.start)
+        slide = {"axis": (side, 0.4), "offset": (0.1 * side, 0.05), "spring": fb.Spring(300.0)}
+        scene.add_joint(fb.Prismatic(left.end, right.start, **slide))
+        scene.add_force(right.end, (3.0 * side, -10.0))
+        return scene
+
+    frames = [frame(side) for side in (1.0, -1.0)]
+    first, other = (fb.buckling(scene, n=2).load_factors for scene in frames)
+    assert other == pytest.approx(first, rel=1e-8)
+
+
 def test_pictures_have_the_load_factors(tmp_path):
     scene, _ = portal(1.0)
     modes = fb.buckling(scene, n=2)
