@@ -34,6 +34,8 @@ _BELOW = 0.9
 # A load factor that is none, relative to the smallest in size: the geometric stiffness of its mode
 # is round-off.
 _NONE = 1e6
+# Rotation or strain by first order at a load factor beyond which all of it is round-off.
+_MOST = 1e5
 
 
 def buckling(
@@ -149,7 +151,8 @@ def _lowest(small: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray
     else:
         inverse, vectors = _largest(-Kg, K, n)
     order = np.argsort(-inverse)[:n]
-    order = order[inverse[order] > abs(inverse).max(initial=0.0) / _NONE]
+    least = max(abs(inverse).max(initial=0.0) / _NONE, small.size() / _MOST)
+    order = order[inverse[order] > least]
     if not len(order):
         raise SceneError(
             "buckling: no positive load factor: the loads make nothing unstable. Reverse them, "

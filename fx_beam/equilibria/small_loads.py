@@ -50,7 +50,7 @@ class SmallLoads:
             raise SceneError(f"{name}: the state is at a critical point already. Reduce its loads")
         #: Displacements (free,) of the unknowns by the load factor, and (size,) of all nodes.
         self.y, self.D = tangent.y / tangent.load, tangent.D / tangent.load
-        largest = self._without_switch(_LARGEST / (self._size() or 1.0))
+        largest = self._without_switch(_LARGEST / (self.size() or 1.0))
         #: Load factors (n,) of the states, of both signs, beside that of the state.
         self.loads = largest * np.concatenate([_PARTS, -_PARTS])
         # Of the polynomial through values in all states: its coefficients of the first two orders.
@@ -93,7 +93,7 @@ class SmallLoads:
             "rest: its stiffness depends on the direction of the load. Take fx_beam.static"
         )
 
-    def _size(self) -> float:
+    def size(self) -> float:
         """Largest rotation or strain by the load factor."""
         mesh, D = self._stepper.model.mesh, self.D.reshape(-1, 3)
         first, last = mesh.points[:, 0], mesh.points[:, 1]

@@ -272,6 +272,14 @@ def test_a_frame_with_a_slide_has_the_load_factors_of_its_mirror_image():
     assert other == pytest.approx(first, rel=1e-8)
 
 
+def test_a_beam_under_a_moment_alone_has_no_load_factor_of_round_off():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (0.7, 0.4), (1.1, 1.3)], STIFF, elements=[3, 4], degree=2)
+    scene.clamp(beam.start)
+    scene.add_moment(beam.end, 0.3)
+    assert_refused("no positive load factor", fb.buckling, scene)
+
+
 def test_pictures_have_the_load_factors(tmp_path):
     scene, _ = portal(1.0)
     modes = fb.buckling(scene, n=2)
