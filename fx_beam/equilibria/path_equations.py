@@ -15,6 +15,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
@@ -144,6 +145,7 @@ class PathEquations:
         if fills or model.couplings.sliding or model.points.members is not None:
             # Its sparsity may have changed.
             A = equations.tangent() if fills else equations.system()
+            A = _with_diagonal(A, len(independent))
             A.sort_indices()
             self.bordered, values = self._bordered(A.indptr, A.indices), A.data
         else:
@@ -199,3 +201,13 @@ def between(states: list[State], points: np.ndarray, place: float) -> State:
             values[name] = sum(w * part for w, part in zip(weights, parts, strict=True))
     values["t"] = float(values["t"])  # type: ignore[arg-type]
     return replace(states[0], **values, unstable_modes=None, negative_pivots=None)  # type: ignore[arg-type]
+
+
+def _with_diagonal(A: scipy.sparse.csr_matrix, count: int) -> scipy.sparse.csr_matrix:
+    """A matrix with places for the diagonal of its first rows, also where it is exactly zero."""
+    rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+    missing = np.setdiff1d(np.arange(count), rows[rows == A.indices])
+    if not len(missing):
+        return A
+    places = np.append(rows, missing), np.append(A.indices, missing)
+    return scipy.sparse.csr_matrix((np.append(A.data, 0.0 * missing), places), A.shape)

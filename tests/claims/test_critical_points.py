@@ -168,6 +168,20 @@ def test_steps_may_end_exactly_at_a_bifurcation(load, how):
         assert abs(branch.position(top)[-1, 0]) > 0.5
 
 
+@pytest.mark.parametrize("how", [None, "arc-length"])
+def test_steps_may_end_exactly_at_a_bifurcation_of_a_loop(how):
+    """A strut in a slot that moves up and down: k at the critical load is exactly zero."""
+    scene = fb.Scene()
+    strut = scene.add_body((0, 0.5), 1.0, 1.0, points={"foot": (0, 0), "top": (0, 1)})
+    guide = scene.add_body((0, 1), 1.0, 1.0).centre
+    scene.add_joint(fb.Revolute(fb.GROUND, strut["foot"]))
+    scene.add_joint(fb.Prismatic(fb.GROUND, guide, axis=(0, 1)))
+    scene.add_joint(fb.PinInSlot(guide, strut["top"], axis=(1, 0), spring=fb.Spring(2.0)))
+    scene.add_force(strut["top"], (0, -4.0))
+    (point,) = fb.static(scene, load_steps=4, continuation=how).critical_points
+    assert point.kind == "bifurcation" and point.load_factor == pytest.approx(0.5)
+
+
 def test_a_pivot_that_is_zero_is_no_bifurcation():
     """Two rods on springs c: K = [[2 c - P, -c], [-c, c - P]], regular at P = 2 c."""
     scene = fb.Scene()
