@@ -78,14 +78,14 @@ class LoadPath:
         self.began = time.perf_counter()
         self._lease = model_for(connected, _AT_REST, settles=True)
         self.model: Model = (model := self._lease.model)
-        self._data = model.data
         self.stats = stats_of(model, solver="sparse lu", static=True)
         if options.continuation is not None and len(model.points.followed):
             raise SceneError(
                 "static: arc-length steps do not find the force of a joint that its friction "
                 "follows. Use load steps (without continuation), or fx_beam.SmoothFriction"
             )
-        with model.lock:
+        with model.lock:  # or else another thread may read with other numbers
+            self._data, self._mechanism = model.data, model.mechanism
             turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
             self.forcing = LoadForcing(model, options.t, turning)
             self._begin_steps()
@@ -105,14 +105,19 @@ class LoadPath:
     @contextmanager
     def in_use(self) -> Iterator[None]:
         """A block with the numbers of this path, whatever its model has served since."""
-        with self.model.reading(self._data):
-            loop, held = self.stepper.loop, self.held
-            self.model.forms.parameters.hold(self.forcing.time)
-            if loop.problem.numbers.data is not self._data:  # a later path has what is in C
-                self.model.problems.pop(loop.problem.kind)
-                self._begin_steps()
-                self.stepper.path.held[:] = held
-            yield
+        model = self.model
+        with model.reading(self._data):
+            loop, held, present = self.stepper.loop, self.held, model.mechanism
+            model.mechanism = self._mechanism
+            try:
+                model.forms.parameters.hold(self.forcing.time)
+                if loop.problem.numbers.data is not self._data:  # a later path has what is in C
+                    model.problems.pop(loop.problem.kind, None)
+                    self._begin_steps()
+                    self.stepper.path.held[:] = held
+                yield
+            finally:
+                self._mechanism, model.mechanism = model.mechanism, present
 
     @property
     def held(self) -> np.ndarray:
