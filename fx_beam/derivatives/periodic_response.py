@@ -140,6 +140,8 @@ class PeriodicAnalysis(Analysis):
     single = PERIOD
     forwards = True  # the monodromy matrix takes most of the time
     motion: PeriodicMotion
+    #: Gives the scene of the last parameters for a frequency of its loads [Hz].
+    _scene_of: Callable[[float], Scene]
 
     def __init__(
         self,
@@ -152,13 +154,11 @@ class PeriodicAnalysis(Analysis):
         self._series = MotionSeries(LIMIT)
         self._period_derivatives: PeriodDerivatives | None = None
 
-    def _scene_of(self, frequency: float) -> Scene:
-        """The scene of the last parameters for a frequency of its loads."""
-        return self.parameters.at(self._x, frequency)[0]
-
     def run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Times and outputs of the motion for parameters."""
-        self._x, parameters, self._period_derivatives = x, self.parameters, None
+        parameters, self._period_derivatives = self.parameters, None
+        # The motion computes its rows when they are read, perhaps after a call for another x.
+        self._scene_of = lambda frequency: parameters.at(x, frequency)[0]
         source = self._scene_of if self._finds_frequency else parameters.take(x)
         self.motion = motion = self._motion_of(source)
         is_motion = isinstance(motion, PeriodicMotion)

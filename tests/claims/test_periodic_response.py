@@ -347,6 +347,18 @@ def test_a_frequency_is_placed_by_its_gradient():
     assert float(run(x)[1]["period"]) == pytest.approx(4.0, abs=1e-8)
 
 
+def test_a_motion_of_an_earlier_call_is_that_of_its_parameters():
+    def first_motion(build):
+        return fb.forced_response(build, (0.5, 0.45), steps=21)[0]
+
+    run = fb.PeriodicResponse(lambda x, f: duffing(x, f), first_motion)
+    run([1.0, 1.0, 0.1, 0.3])
+    earlier = run.motion
+    run([2.0, 1.0, 0.1, 0.6])
+    q = earlier.solution.q
+    np.testing.assert_allclose(q[-1], q[0], rtol=0, atol=1e-6 * np.ptp(q))
+
+
 # -- What is refused ------------------------------------------------------------------------------
 
 
