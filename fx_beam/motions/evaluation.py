@@ -47,7 +47,7 @@ def solution_of(
     later = ended and (scene_stays or not model.fits_rates)
     recorded = histories_of(recorder) if stored is None else stored
     histories: Mapping[str, Any] = recorded
-    rows: slice | np.ndarray = slice(None)
+    rows: slice | np.ndarray = slice(recorder.rows)  # a `Motion` may add more
     if times is not None:
         if stats.until:  # its end is a row as well
             times = np.append(times[times < recorded["t"][-1]], recorded["t"][-1])

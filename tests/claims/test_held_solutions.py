@@ -251,3 +251,13 @@ def test_a_path_is_no_mechanism_after_its_set_up_has_served_one():
     run([1.0])
     fb.static(held_bar((0, 1), 1.0), load_steps=2)  # free to turn until its load pulls
     np.testing.assert_array_equal(run.jacobian()["work"], expected)
+
+
+def test_a_solution_of_a_motion_has_its_own_rows_after_further_steps():
+    steps = fb.Motion(bar(12.0), dt=0.01, record=fb.Record())
+    steps.step()
+    read_at_once, solution = steps.solution(), steps.solution()
+    expected = all_that_is_read(read_at_once)
+    steps.run(0.05)
+    for key, array in all_that_is_read(solution).items():
+        np.testing.assert_array_equal(array, expected[key], err_msg=key)
