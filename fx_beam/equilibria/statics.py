@@ -106,11 +106,10 @@ class LoadPath:
     def in_use(self) -> Iterator[None]:
         """A block with the numbers of this path, whatever its model has served since."""
         model = self.model
-        with model.reading(self._data):
+        with model.reading(self._data, self.forcing.time):
             loop, held, present = self.stepper.loop, self.held, model.mechanism
             model.mechanism = self._mechanism
             try:
-                model.forms.parameters.hold(self.forcing.time)
                 if loop.problem.numbers.data is not self._data:  # a later path has what is in C
                     model.problems.pop(loop.problem.kind, None)
                     self._begin_steps()

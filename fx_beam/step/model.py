@@ -126,8 +126,11 @@ class Model:
             self.mechanism = _mechanism(self, *self._rests)
 
     @contextmanager
-    def reading(self, data: Data) -> Iterator[None]:
-        """A block with the numbers of a run that has ended; then others have theirs again."""
+    def reading(self, data: Data, time: float | None = None) -> Iterator[None]:
+        """A block with the numbers of a run that has ended; then others have theirs again.
+
+        Of equilibria with parameters at a `time` [s].
+        """
         with self.lock:
             present, parameters = self.data, self.forms.parameters
             others, values = data is not present, parameters.present
@@ -136,6 +139,8 @@ class Model:
             try:
                 if others:
                     self._bind(data, elsewhere)
+                if time is not None:
+                    parameters.hold(time)
                 yield
             finally:
                 if others:

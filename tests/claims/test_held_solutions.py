@@ -261,3 +261,25 @@ def test_a_solution_of_a_motion_has_its_own_rows_after_further_steps():
     steps.run(0.05)
     for key, array in all_that_is_read(solution).items():
         np.testing.assert_array_equal(array, expected[key], err_msg=key)
+
+
+@pytest.mark.parametrize("linear", [False, True])
+def test_resultants_of_a_path_have_parameters_at_its_time(linear):
+    """Not at the times that its load factors would be."""
+
+    def path(EI):
+        k = fb.Parameter("k", lambda t: EI * (1 + 2 * t))
+
+        def energy(eps, gamma, kappa):
+            return 5e3 * (eps**2 + gamma**2) + k * kappa**2 / 2
+
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (1, 0.3)], fb.Section(strain_energy=energy), elements=4)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, (0.0, -20.0))
+        return fb.static(scene, load_steps=3, t=0.25, linear=linear)
+
+    expected, kept = path(100.0).resultants("beam 1"), path(100.0)
+    path(130.0)
+    np.testing.assert_array_equal(kept.resultants("beam 1").M, expected.M)
+    np.testing.assert_array_equal(kept.resultants("beam 1").ends.M, expected.ends.M)
