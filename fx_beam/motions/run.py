@@ -262,7 +262,7 @@ class Run:
         times = options.record.times
         state, removed = self.recorder.present
         state_in_c, past, parts = prepared.loop.state, None, None
-        if np.array_equal(state_in_c.arrays["q"], state.q):  # no interrupt has come before the end
+        if (state_in_c.arrays["q"] == state.q).all():  # no interrupt has come before the end
             past, parts = state_in_c.past, prepared.stepper.halving.state
         state = prepared.turn_counter.without(-removed, state)
         state = state.changed(parts=parts, past=past, **input_values)
