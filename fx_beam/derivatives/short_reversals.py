@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.fem.frictions import smooth_signs_of
+from fx_beam.scene.coordinate import SmoothFriction
+from fx_beam.scene.outputs import Measured, Output, Read
+from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
@@ -39,20 +42,57 @@ def warn_of_short_reversals(model: Model, tape: Tape) -> bool:
 
 def _first_reversals(model: Model, tape: Tape) -> Iterator[tuple[int, int, str, float]]:
     """For each friction: last step before a reversal, number of slow steps, name, and speed."""
-    frictions = smooth_signs_of(model.points)
+    frictions, X = [*_frictions(model.scene)], model.mesh.X.reshape(-1)
     present, lengths = tape.present, tape.times.lengths
-    if not frictions or not tape.is_whole or not len(lengths):
+    if model.scheme.rates.at_rest or not (frictions and tape.is_whole and len(lengths)):
         return
     paths = []
     for first in range(present.first, present.end, _AT_ONCE):
         rows = np.arange(first, min(first + _AT_ONCE, present.end) + 1)
         states = tape.states(rows, "q", "slides")
-        coordinates = [sign.coordinate(states["q"], states["slides"]) for sign in frictions]
+
+        def read(array: str, entries: int, states: dict = states) -> np.ndarray:
+            return X[entries] if array == "X" else states[array][:, entries]
+
+        coordinates = [friction.coordinate(read) for friction in frictions]
         paths.append(np.diff(coordinates, axis=1))
     rates = np.concatenate(paths, axis=1) / lengths
-    for sign, rate in zip(frictions, rates, strict=True):
-        fast = np.flatnonzero(abs(rate) > _SMALL * sign.speed)
+    for friction, rate in zip(frictions, rates, strict=True):
+        fast = np.flatnonzero(abs(rate) > _SMALL * friction.speed)
         a, b = fast[:-1], fast[1:]
         short = (rate[a] * rate[b] < 0) & (b - a <= _NEEDED)
         for i in np.flatnonzero(short)[:1]:
-            yield int(a[i]), int(b[i] - a[i] - 1), sign.owner, sign.speed
+            yield int(a[i]), int(b[i] - a[i] - 1), friction.owner, friction.speed
+
+
+class _Friction(NamedTuple):
+    """Friction with the smooth sign of a rate: below the speed it is viscous."""
+
+    #: What of the scene it belongs to, as text.
+    owner: str
+    speed: float
+    #: Its coordinate, as a sum of outputs with weights.
+    terms: list[tuple[float, Measured]]
+
+    def coordinate(self, read: Read) -> np.ndarray:
+        """Values (n,) of the coordinate in n states."""
+        return sum(weight * measured.values(read) for weight, measured in self.terms)
+
+
+def _frictions(scene: Scene) -> Iterator[_Friction]:
+    """All friction with the smooth sign of a rate."""
+    quantities = {"slide": "slide", "rotation": "angle"}
+    for joint in scene.joints:
+        for name, coordinate in joint.coordinates.items():
+            if isinstance(friction := coordinate.friction, SmoothFriction):
+                terms = [(1.0, Measured(Output(quantities[name], joint)))]
+                yield _Friction(f"joint {joint.number} {name}", float(friction.speed), terms)
+    for gear in scene.gears:
+        if isinstance(friction := gear.friction, SmoothFriction):
+            outputs = [(term, Output(quantities[term.name], term.joint)) for term in gear.terms]
+            terms = [(float(term.weight), Measured(output)) for term, output in outputs]
+            yield _Friction(str(gear), float(friction.speed), terms)
+    for line in scene.forces_between:
+        if isinstance(friction := line.on.friction, SmoothFriction):
+            terms = [(1.0, Measured(Output("length", line)))]
+            yield _Friction(str(line), float(friction.speed), terms)

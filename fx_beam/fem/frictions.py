@@ -1,8 +1,8 @@
-"""Friction of forces at points: its springs, smooth signs, and what sticks."""
+"""Friction of forces at points that sticks: its springs, and where it acts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -20,26 +20,6 @@ class Bristle(NamedTuple):
     place: int
     mu: float
     follows: bool
-
-
-class SmoothSign(NamedTuple):
-    """Friction with the smooth sign of a rate: below the speed it is viscous."""
-
-    speed: float
-    #: The joint of its slide, or -1 and degrees of freedom, -1 for the ground.
-    slide: int
-    dofs: Sequence[int]
-    #: From the first to the second node in the reference, if it is on their distance.
-    arm: np.ndarray
-    #: What of the scene it belongs to, as text.
-    owner: str
-
-    def coordinate(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
-        """The coordinate (n,) in configurations (n, ...): a slide, an angle or a distance."""
-        if self.slide >= 0:
-            return slides[:, self.slide]
-        a, b = np.split(np.where(np.array(self.dofs) < 0, 0.0, q[:, self.dofs]), 2, axis=1)
-        return np.hypot(*(b - a + self.arm).T) if len(self.dofs) > 2 else (b - a)[:, 0]
 
 
 def bristles_of(points: PointForces) -> list[Bristle]:
@@ -80,17 +60,6 @@ def _slots_of_members(points: PointForces) -> Iterator[tuple[MemberPair, np.ndar
     for pair, first in zip(members.pairs, members.first_slots[:-1].tolist(), strict=True):
         if pair.law.internal:
             yield pair, first_variable + SLOT_WIDTH * (first + np.arange(SLOTS * len(pair.points)))
-
-
-def smooth_signs_of(points: PointForces) -> list[SmoothSign]:
-    """All friction with the smooth sign of a rate."""
-    signs = list[SmoothSign]()
-    for force, _, _, numbers, *_ in points.placed:
-        if force.law.smooth:
-            arm = numbers[:2] if len(force.dofs) == 4 else np.empty(0)  # numbers of a distance
-            place = force.slide, force.dofs, arm, force.belongs_to
-            signs.append(SmoothSign(float(numbers[len(arm)]), *place))
-    return signs
 
 
 def friction_sticks(compiled_points: CompiledPoints, q: np.ndarray, slides: np.ndarray) -> bool:

@@ -126,9 +126,6 @@ class PointLaw:
     unilateral: bool = False
     #: Whether it has friction that sticks, whose damping, mu and stiffness are its last numbers.
     has_stick_state: bool = False
-    #: Whether it is friction with the smooth sign of rate / speed. The speed is the first number
-    #: after the numbers of the coordinate.
-    smooth: bool = False
     #: Whether Newton's method may go far too far with it, and is shortened.
     needs_line_search: bool = False
     #: Of a line over points the law of its length, by which its pieces have their forces, and which

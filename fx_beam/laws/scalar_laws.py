@@ -246,9 +246,10 @@ def friction(kind: CoordinateKind, magnitude: Callable[[Expr], Expr] | None = No
     def loss(step: _Step) -> Expr:
         return force(step, step.mean) * ufl.tanh(step.mean / step.numbers[0]) * step.x.path
 
-    options: dict[str, Any] = {"iteration_memory": REMEMBERED, "smooth": True}
-    options |= {"loss": loss, "user_defined": magnitude is not None}
-    return _point_law(kind, "friction", 2 if magnitude is None else 1, forces, **options)
+    options: dict[str, Any] = {"iteration_memory": REMEMBERED, "loss": loss}
+    if magnitude is None:
+        return _point_law(kind, "friction", 2, forces, **options)
+    return _point_law(kind, "friction", 1, forces, user_defined=True, **options)
 
 
 def joint_friction(kind: CoordinateKind) -> PointLaw:

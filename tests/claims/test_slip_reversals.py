@@ -183,9 +183,46 @@ def on_distance(friction):
     return scene, fb.Output("position", centre, "x"), fb.Output("velocity", centre, "x")
 
 
+def on_the_ground(friction):
+    scene = fb.Scene()
+    centre = block(scene)
+    scene.fix(centre, "y")
+    scene.add_spring(centre, x=friction)
+    return scene, fb.Output("position", centre, "x"), fb.Output("velocity", centre, "x")
+
+
+def on_a_rope(friction):
+    scene = fb.Scene()
+    centre = block(scene, (1, 0))
+    scene.fix(centre, "y")
+    corners = [scene.add_body(place, mass=1.0, inertia=1.0).centre for place in ((0, 0), (0, -1))]
+    for corner in corners:
+        scene.fix(corner, "x", "y", "rotation")
+    scene.add_rope([centre, *corners, (1, -1)], friction=friction)
+    return scene, fb.Output("displacement", centre, "x"), fb.Output("velocity", centre, "x")
+
+
+def in_a_gear(friction):
+    scene = fb.Scene()
+    wheels = [scene.add_body((x, 0), mass=1.0, inertia=1.0).centre for x in (0, 3)]
+    shafts = [scene.add_joint(fb.Revolute(fb.GROUND, wheel)) for wheel in wheels]
+    scene.add_joint(fb.Gear(*shafts, ratio=0.5, friction=friction))
+    scene.fix(wheels[0], "rotation")
+    scene.add_moment(wheels[1], -PUSH)
+    scene.set_velocity(wheels[1], spin=SPEED)
+    return scene, fb.Output("rotation", wheels[1]), fb.Output("spin", wheels[1])
+
+
 @pytest.mark.parametrize(
     "make, owner",
-    [(on_slide, "joint 0 slide"), (on_pin, "joint 0 rotation"), (on_distance, "between")],
+    [
+        (on_slide, "joint 0 slide"),
+        (on_pin, "joint 0 rotation"),
+        (on_distance, "between"),
+        (on_the_ground, "the ground along (1, 0)"),
+        (on_a_rope, "over node 0"),
+        (in_a_gear, "Gear"),
+    ],
 )
 def test_smooth_friction_warns_where_derivatives_depend_on_the_steps(make, owner, caplog):
     """They are wrong by a tenth or more in half a step, and by a hundredth in six, without it."""
