@@ -14,7 +14,12 @@ from .load_steps import LoadStepper
 
 # Largest rotation [rad] and strain of these states. Their loads are these parts of the largest: the
 # error of a derivative is that of a polynomial of degree 8.
-_LARGEST, _PARTS = 0.05, np.arange(4, 0, -1) / 4
+_LARGEST, _PARTS = 0.05, np.array([4, 3, 2, 1, -4, -3, -2, -1]) / 4
+# Of the polynomial through values in all states: its coefficients of the first two orders.
+_FIRST, _SECOND = np.linalg.inv(np.vander(np.append(0.0, _PARTS), increasing=True))[1:3]
+# Error of first-order equilibrium above which smaller states are tried, how much smaller they are,
+# and the part of the error that is worth it.
+_ACCURATE, _SMALLER, _LESS = 1e-10, 0.01 ** np.arange(4), 0.1
 # Least part of these loads that is tried where laws switch.
 _NEAREST = 1e-4
 
@@ -43,27 +48,26 @@ class SmallLoads:
         reduction = stepper.model.reduction
         path, y = stepper.path, np.zeros(reduction.free)
         path.begin(state)
+        self._column = path.balance(y, 0.0)[2]
         #: Whether anything changes with the load factor.
-        self.acts = bool(stepper.loop.forcing.rise.any() or path.balance(y, 0.0)[2].any())
+        self.acts = bool(stepper.loop.forcing.rise.any() or self._column.any())
         tangent = path.with_the_load(y, 0.0)
         if not (tangent.load and np.isfinite(tangent.y).all()):
             raise SceneError(f"{name}: the state is at a critical point already. Reduce its loads")
         #: Displacements (free,) of the unknowns by the load factor, and (size,) of all nodes.
         self.y, self.D = tangent.y / tangent.load, tangent.D / tangent.load
-        largest = self._without_switch(_LARGEST / (self.size() or 1.0))
-        #: Load factors (n,) of the states, of both signs, beside that of the state.
-        self.loads = largest * np.concatenate([_PARTS, -_PARTS])
-        # Of the polynomial through values in all states: its coefficients of the first two orders.
-        powers = np.vander(np.append(0.0, self.loads / largest), increasing=True)
-        self._first, self._second = np.linalg.inv(powers)[1:3]
-        self._largest = largest
-        #: States at load factor 0 and at `loads`; forces (n + 1, size) of supports and joints.
-        self.states, self.forces = self._found_states()
+        largest, least = self._without_switch(_LARGEST / (self.size() or 1.0)), np.inf
+        for part in _SMALLER:  # lines and beams that guide may be short beside displacements
+            found, error = self._found_states(part * largest)
+            if not error >= _LESS * least:
+                states, self._largest, least = found, part * largest, error
+            if least < _ACCURATE:
+                break
         #: A record of all states, and a solution with them as its rows.
-        self.recorder = Recorder(stepper.model, np.arange(len(self.states), dtype=float), Record())
-        for row_state in self.states:
+        self.recorder = Recorder(stepper.model, np.arange(len(states), dtype=float), Record())
+        for row_state in states:
             stepper.loop.record(row_state, self.recorder)
-        rest = Rest(stepper.loop.forcing.time, state.t + np.append(0.0, self.loads))
+        rest = Rest(stepper.loop.forcing.time, state.t + self._largest * np.append(0.0, _PARTS))
         self.solution = solution_of(self.recorder, stepper.stats, lambda: state, rest=rest)
 
     def _without_switch(self, largest: float) -> float:
@@ -85,7 +89,7 @@ class SmallLoads:
             )
 
         for part in _NEAREST ** np.linspace(0, 1, 20):
-            loads = part * largest * np.concatenate([_PARTS, -_PARTS])
+            loads = part * largest * _PARTS
             if not any(map(switched, loads.tolist())):
                 return part * largest
         raise SceneError(
@@ -101,20 +105,28 @@ class SmallLoads:
         strains = np.hypot(*(D[last, :2] - D[first, :2]).T) / length
         return float(max(abs(D[:, 2]).max(initial=0.0), strains.max(initial=0.0)))
 
-    def _found_states(self) -> tuple[list[State], np.ndarray]:
-        path, start = self._stepper.path, self.state
-        states, forces = [], []
-        for load in (0.0, *self.loads.tolist()):
+    def _found_states(self, largest: float) -> tuple[list[State], float]:
+        """States up to a load factor, and the error of first-order equilibrium by them."""
+        model, path, start = self._stepper.model, self._stepper.path, self.state
+        states, residuals = [], []
+        for load in (0.0, *(largest * _PARTS).tolist()):
             path.begin(start)
             y = load * self.y
-            forces.append(path.balance(y, load)[0].r.copy())
+            balance = path.balance(y, load)[0]
+            residuals.append(balance.residual[model.reduction.independent])
             interval = Interval(start.t, start.t + load)
-            states.append(self._stepper.loop.finished(start, interval, y, forces[-1]))
-        return [start, *states[1:]], np.array(forces)
+            states.append(self._stepper.loop.finished(start, interval, y, balance.r))
+        chosen, node_unit = model.reduction.independent, model.units.nodes
+        unit, moved = model.units.unknowns[chosen], self.D / node_unit
+        work, loads = _FIRST @ residuals / largest * unit, self._column[chosen] * unit
+        off = _FIRST @ [state.q for state in states] / largest / node_unit - moved
+        pairs = ((work, loads), (off, moved))
+        error = sum(abs(x).max(initial=0.0) / (abs(y).max(initial=0.0) or 1.0) for x, y in pairs)
+        return [start, *states[1:]], float(error)
 
     def slope(self, rows: np.ndarray) -> np.ndarray:
         """Derivative by the load factor of values (n + 1, ...) in all states."""
-        return np.tensordot(self._first, rows, axes=1) / self._largest
+        return np.tensordot(_FIRST, rows, axes=1) / self._largest
 
     def at_ends(self, rows: np.ndarray) -> np.ndarray:
         """Values (2, ...) without and with all loads, from values (n + 1, ...) in all states."""
@@ -122,4 +134,4 @@ class SmallLoads:
 
     def curvature(self, rows: np.ndarray) -> np.ndarray:
         """Half of the second derivative likewise."""
-        return np.tensordot(self._second, rows, axes=1) / self._largest**2
+        return np.tensordot(_SECOND, rows, axes=1) / self._largest**2

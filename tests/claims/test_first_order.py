@@ -193,6 +193,38 @@ def test_a_spring_on_a_slide_under_tension_is_let_go_against_both_beams(joint):
     assert abs(solution.energy.balance_error).max() < 1e-8 * stored
 
 
+def test_a_short_line_is_short_beside_displacements_that_nothing_turns_with():
+    """A ball on two lines, far from a beam that hardly bends."""
+    scene, beam = clamped_bar((2, 0), fb.Section(EA=1e6, GA=1e6, EI=1e4), elements=2)
+    scene.add_force(beam.end, (0, 1e-4))
+    ball = scene.add_body((2.9, 0), mass=1.0).centre
+    scene.fix(ball, "rotation")
+    lines = [(beam.end, 0.9), ((3.2, 0.4), 0.5)]
+    lines = [scene.add_force_between(ball, p, fb.Spring(10.0, rest=r)) for p, r in lines]
+    scene.add_force(ball, (1e-3, 2e-3))
+    solution = fb.static(scene, linear=True)
+    pulls = [solution.joint(line).force[-1] for line in lines]
+    assert pulls == pytest.approx([1e-3 - 0.75 * 2e-3, -2e-3 / 0.8], rel=1e-8)
+    assert solution.reaction(beam.start)[-1] == pytest.approx([5e-4, -1e-4, -2e-4], rel=1e-8)
+    stored = sum(pull**2 for pull in pulls) / 20
+    assert solution.energy.springs[-1] == pytest.approx(stored, rel=1e-8)
+
+
+@pytest.mark.parametrize("joint", [fb.Slider, fb.Sleeve])
+def test_a_node_slides_on_a_beam_as_far_as_its_spring_lets_it(joint):
+    """The beam does not bend at all, and hardly stretches."""
+    scene, beam = clamped_bar((2, 0), fb.Section(EA=1e6, GA=1e6, EI=1e4), elements=4)
+    scene.clamp(beam.end)
+    ball = scene.add_body((0.9, 0), mass=1.0).centre
+    slide = scene.add_joint(joint(beam, ball, spring=fb.Spring(10.0, rest=0.9)))
+    scene.add_spring(ball, rotation=fb.Spring(1.0))
+    scene.add_force(ball, (1e-3, 0))
+    solution = fb.static(scene, linear=True)
+    assert solution.joint(slide).slide[-1] == pytest.approx(0.9001, rel=1e-12)
+    assert solution.displacement(ball)[-1] == pytest.approx([1e-4, 0], rel=1e-5)
+    assert abs(solution.energy.balance_error).max() < 1e-8 * solution.energy.springs[-1]
+
+
 def test_joints_are_those_of_the_reference():
     # A hinged beam in the middle: the hinge has no moment, and each half is a cantilever.
     scene, left = clamped_bar((1, 0), SECTION, elements=2, degree=3)
