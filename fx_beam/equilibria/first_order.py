@@ -41,20 +41,11 @@ def first_order(
         if isinstance(rows, np.ndarray) and len(rows) == len(close.t):
             histories[name] = small.at_ends(rows)
         elif isinstance(rows, Energy):
-            rises = {key: small.slope(part) for key, part in vars(rows).items()}
-            bends = {key: small.curvature(part) for key, part in vars(rows).items()}
-            # Displacements go straight: where weights and springs are on arms, unknowns do not.
-            holding = stepper.loop.forcing.first
-            lifts = small.curvature(close.q.reshape(len(close.t), -1) @ holding)
-            bends["springs"] -= lifts
-            held_work = stepper.path.held @ small.y  # of what still holds slides, and fades
-            rises["work"] += held_work
-            bends["work"] -= bends["potential"] + lifts + held_work / 2
-            bends["potential"] *= 0.0
-            starts = {key: part[0] for key, part in vars(rows).items()}
-            histories[name] = Energy(
-                **{key: np.array([x, x + rises[key] + bends[key]]) for key, x in starts.items()}
+            parts = (
+                [part[0], part[0] + small.slope(part) + small.curvature(part)]
+                for part in vars(rows).values()
             )
+            histories[name] = Energy(*map(np.array, parts))
     histories.update({"t": np.array([0.0, 1.0]), "t_level": np.array([0.0, 1.0])})
     last = end(start.changed(t=1.0, q=start.q + small.D))
     solution = solution_of(recorder, stats, lambda: last, stored=histories)

@@ -41,7 +41,10 @@ def held_at_nodes(stepper: LoadStepper, state: State) -> State:
 
 
 class SmallLoads:
-    r"""Displacements u_1 = K_0^-1 f about a state, and states at u = l u_1 under loads l f."""
+    r"""Displacements u_1 = K_0^-1 f about a state, and states at u = l u_1 under loads l f.
+
+    Also nodes on arms go straight in them, so that energies are quadratic.
+    """
 
     def __init__(self, name: str, stepper: LoadStepper, state: State):
         self._what, self._stepper, self.state = name, stepper, state
@@ -108,20 +111,30 @@ class SmallLoads:
     def _found_states(self, largest: float) -> tuple[list[State], float]:
         """States up to a load factor, and the error of first-order equilibrium by them."""
         model, path, start = self._stepper.model, self._stepper.path, self.state
-        states, residuals = [], []
+        weight = model.masses.weight
+        still = self._stepper.loop.forcing.first - (0.0 if weight is None else weight)
+        states, residuals, bends = [], [], []
         for load in (0.0, *(largest * _PARTS).tolist()):
             path.begin(start)
             y = load * self.y
             balance = path.balance(y, load)[0]
             residuals.append(balance.residual[model.reduction.independent])
             interval = Interval(start.t, start.t + load)
-            states.append(self._stepper.loop.finished(start, interval, y, balance.r))
+            new = self._stepper.loop.finished(start, interval, y, balance.r)
+            straight = start.q + load * self.D
+            bends.append(new.q - straight)
+            work = new.work + (1 - load / 2) * path.held @ y - still @ bends[-1]
+            states.append(new.changed(q=straight, work=float(work)))
         chosen, node_unit = model.reduction.independent, model.units.nodes
-        unit, moved = model.units.unknowns[chosen], self.D / node_unit
-        work, loads = _FIRST @ residuals / largest * unit, self._column[chosen] * unit
-        off = _FIRST @ [state.q for state in states] / largest / node_unit - moved
-        pairs = ((work, loads), (off, moved))
-        error = sum(abs(x).max(initial=0.0) / (abs(y).max(initial=0.0) or 1.0) for x, y in pairs)
+        unit = model.units.unknowns[chosen]
+        pairs = (
+            (residuals * unit, self._column[chosen] * unit),
+            (bends / node_unit, self.D / node_unit),
+        )
+        error = sum(
+            abs(_FIRST @ rows / largest).max(initial=0.0) / (abs(slopes).max(initial=0.0) or 1.0)
+            for rows, slopes in pairs
+        )
         return [start, *states[1:]], float(error)
 
     def slope(self, rows: np.ndarray) -> np.ndarray:
