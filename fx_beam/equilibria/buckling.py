@@ -14,7 +14,6 @@ from fx_beam.errors import SceneError, is_whole, require
 from fx_beam.motions.initial_state import end_of
 from fx_beam.results.buckling_modes import BucklingModes
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import State
 from fx_beam.results.vibrations import modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
@@ -72,9 +71,9 @@ def buckling(
     Raises
     ------
     SceneError
-        If the state is unstable, free to move, moves or turns, or has natural strains and the scene
-        has none; for loads that follow the motion or have a law of their own, contact, and nodes
-        that slide on beams; or if no positive load factor exists.
+        If the state is unstable, of first order, free to move, moves or turns, or has natural
+        strains and the scene has none; for loads that follow the motion or have a law of their own,
+        contact, and nodes that slide on beams; or if no positive load factor exists.
 
     References
     ----------
@@ -98,7 +97,7 @@ def buckling(
     require(isinstance(state, Solution | None), "buckling: state", state, expected)
     path = LoadPath(scene, StaticOptions(what="buckling", t=t), state)
     if state is not None:
-        _check_state(end_of(state), path.model)
+        _check_state(state, path.model)
     return path.finished(partial(_modes, path, n))
 
 
@@ -118,8 +117,14 @@ def _modes(path: LoadPath, n: int) -> BucklingModes:
     return BucklingModes(factors, modes)
 
 
-def _check_state(state: State, model: Model) -> None:
-    """SceneError for a state whose rates or natural strains would count for nothing."""
+def _check_state(solution: Solution, model: Model) -> None:
+    """SceneError for a state that is in no balance, moves, or has strains that would be lost."""
+    state = end_of(solution)
+    if solution.stats.linear:
+        raise SceneError(
+            "buckling: the state is of first order, so that its forces are in no balance in its "
+            "shape. Take that of fx_beam.static without linear=True"
+        )
     if state.v.any():
         raise SceneError(
             "buckling: the state moves or turns. Take an equilibrium at rest; for one that turns "

@@ -111,6 +111,14 @@ def test_natural_strains_of_a_state_stay():
     assert_refused("natural strains", fb.buckling, held([], 1.0), cold)
 
 
+def test_a_state_of_first_order_is_refused():
+    """In its shape the beam is stretched, with a thousand times the force."""
+    scene, beam = column()
+    cantilever(scene, beam)
+    scene.add_force(beam.end, (0.2, -0.3))
+    assert_refused("first order", fb.buckling, scene, fb.static(scene, linear=True))
+
+
 def test_a_state_that_turns_is_refused():
     scene, beam = column()
     scene.clamp(beam.start)
