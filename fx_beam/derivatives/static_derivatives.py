@@ -42,7 +42,7 @@ def why_not(path: LoadPath) -> str:
         return "a frame that turns (spin) has none"
     if not path.from_rest and model.kinks.flows:
         return "parts with internal variables that start from another solution have none"
-    if model.mechanism and model.kinks.flows:
+    if path.mechanism and model.kinks.flows:
         return (
             "a mechanism that its loads hold, with internal variables, has none: these depend on "
             "how it settles"
@@ -59,7 +59,9 @@ def why_no_sums(path: LoadPath | None) -> dict[str, str]:
     """Why work and losses of a motion have no derivatives if it starts from a path, by quantity."""
     if path is None or why_not(path):  # nothing came before, or differences have it
         return {}
-    model, reasons = path.model, {"work": why_no_work(path.model)}
+    model = path.model
+    with path.in_use():
+        reasons = {"work": why_no_work(model)}
     if model.forms.dissipate:
         lossless = why_no_losses(model)
         reasons["dissipated_energy"] = lossless and f"where {lossless}"

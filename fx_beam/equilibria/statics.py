@@ -85,7 +85,9 @@ class LoadPath:
                 "follows. Use load steps (without continuation), or fx_beam.SmoothFriction"
             )
         with model.lock:  # or else another thread may read with other numbers
-            self._data, self._mechanism = model.data, model.mechanism
+            self._data = model.data
+            #: Why the scene without loads is a mechanism; empty if it is none.
+            self.mechanism = model.mechanism
             turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
             self.forcing = LoadForcing(model, options.t, turning)
             self._begin_steps()
@@ -108,7 +110,7 @@ class LoadPath:
         model = self.model
         with model.reading(self._data, self.forcing.time):
             loop, held, present = self.stepper.loop, self.held, model.mechanism
-            model.mechanism = self._mechanism
+            model.mechanism = self.mechanism
             try:
                 if loop.problem.numbers.data is not self._data:  # a later path has what is in C
                     model.problems.pop(loop.problem.kind, None)
@@ -116,7 +118,7 @@ class LoadPath:
                     self.stepper.path.held[:] = held
                 yield
             finally:
-                self._mechanism, model.mechanism = model.mechanism, present
+                self.mechanism, model.mechanism = model.mechanism, present
 
     @property
     def held(self) -> np.ndarray:
