@@ -22,7 +22,7 @@ from fx_beam.scene.beam import gauss_rule
 
 from .build import begin_to_build, load_library
 from .form_tables import FORMS, FormTables, aligned_zeros
-from .model import Model, massless_dofs, once
+from .model import Model, massless_dofs, once, sizes_of
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE
 from .state_vector import StateVector
 from .substeps import LARGE_TURN
@@ -135,8 +135,9 @@ class Problem:
             self.set(points=[{}], statics={"diagonal_at": diagonal_at})
         else:
             self.set(**_points(storage))
-        self.set(motors=_motors(model), at_points={"lines": model.scene.force_count})
-        if model.scene.joint_count:  # also of joints that were removed
+        sizes = once(model, sizes_of)  # the scene may have more by now
+        self.set(motors=_motors(model), at_points={"lines": sizes["lines"]})
+        if sizes["joints"]:  # also of joints that were removed
             self.set(passes=_passes(model))
         self.set(
             newton={
@@ -352,5 +353,5 @@ def _passes(model: Model) -> dict[str, object]:
                 sums.append((3 * joint.b.number + i, -1, 3 * joint.number + i, 1))
     columns = np.array(sums, dtype=int).reshape(-1, 4).T
     tables = dict(zip(("dof", "to", "of", "sign"), columns, strict=True))
-    joints = model.scene.joint_count
+    joints = once(model, sizes_of)["joints"]
     return {"joints": joints, "count": len(sums), "force_count": counts[2], **tables}
