@@ -87,8 +87,10 @@ class MotionSeries:
     def prepare(self, scene: Scene, options: Options) -> Prepared:
         """A prepared scene, which is to be given back."""
         self.prepared = None
+        # In a cache of its own the last motion, whatever it was, says why it does not serve again.
+        kind = "motion", options.scheme, options.newton
         prepared, reason = self._cache.take(
-            kind_of(scene, "motion") if self._shares else "motion",
+            kind_of(scene, *kind) if self._shares else "motion",
             lambda last: last.bind(scene, options),
             lambda: Prepared(scene, options),
         )

@@ -105,13 +105,19 @@ def test_two_models_of_a_kind_do_not_share_their_fields():
     np.testing.assert_array_equal(solution.resultants(beam).N, again.resultants(beam).N)
 
 
-def reason_of(elements):
+def reason_of(elements, scheme=None):
     """Why a motion of a new scene was prepared anew; empty if it was not."""
-    return fb.simulate(arm(elements)[0], dt=1e-3, t_end=2e-3).stats.setup_reason
+    return fb.simulate(arm(elements)[0], scheme, dt=1e-3, t_end=2e-3).stats.setup_reason
 
 
 def test_scenes_of_thousands_of_elements_are_prepared_once_as_well():
     assert [reason_of(2001), reason_of(2001)] == ["the first scene", ""]
+
+
+def test_schemes_that_are_compared_have_a_set_up_each():
+    schemes = [fb.EnergyMomentum(), fb.GeneralizedAlpha(0.9), fb.GeneralizedAlpha(0.8)]
+    reasons = [[reason_of(6, scheme) for scheme in schemes] for _ in range(2)]
+    assert reasons[1] == ["", "", ""]
 
 
 def test_the_earliest_of_the_prepared_scenes_is_forgotten_beyond_a_size(monkeypatch):
