@@ -249,11 +249,12 @@ class Shooting:
         """The motion over a period with all that is recorded."""
         start = period.start.changed(algorithmic=period.end.algorithmic)
         times = _times(start, period.length, self.steps)
-        recorder = Recorder(self.model, times, Record())
-        self.prepared.loop.record(start, recorder)
-        self._advance(start, times, recorder)
-        stats = replace(self.prepared.stats, steps=self.steps)  # without those of the search
-        return solution_of(recorder, stats, lambda: recorder.end)
+        with self.model.lock:  # another thread may read an earlier motion of other numbers
+            recorder = Recorder(self.model, times, Record())
+            self.prepared.loop.record(start, recorder)
+            self._advance(start, times, recorder)
+            stats = replace(self.prepared.stats, steps=self.steps)  # without those of the search
+            return solution_of(recorder, stats, lambda: recorder.end)
 
     def depends_on_time(self, state: State, length: float) -> bool:
         """Whether loads, driven motions, parameters or natural strains change in a period."""
