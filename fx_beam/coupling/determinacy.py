@@ -38,7 +38,6 @@ _SOUGHT, _CORRECTIONS = 4, 6
 def mechanism_of(
     scene: Scene,
     mesh: Mesh,
-    stiffness: scipy.sparse.csr_matrix,
     mass: scipy.sparse.csr_matrix | None,
     settles: bool,
 ) -> str:
@@ -47,7 +46,7 @@ def mechanism_of(
     SceneError unless it settles. Each such motion must have mass or linear drag. In statics (`mass`
     is None) none may exist, and neither dampers nor drag restrain it.
     """
-    parts = _parts(mesh, stiffness, None if mass is None else _inertia(scene, mesh, mass))
+    parts = _parts(mesh, None if mass is None else _inertia(scene, mesh, mass))
     if parts is None or not parts.free.any():
         return ""
     motion = _motion(_rows(scene, mesh, parts, static=mass is None))
@@ -87,10 +86,10 @@ def _inertia(scene: Scene, mesh: Mesh, mass: scipy.sparse.csr_matrix) -> np.ndar
     return diagonal
 
 
-def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
+def _parts(mesh: Mesh, inertia: np.ndarray | None) -> _Parts | None:
     """The parts of a scene; None if all of them have mass and rotary inertia."""
-    rows, X = np.repeat(np.arange(mesh.dofs.size), np.diff(stiffness.indptr)), mesh.X
-    part_of_node = connected_parts(np.array([rows, stiffness.indices]), mesh.dofs.size)[::3]
+    pairs, X = np.array([mesh.elements[:, :-1].ravel(), mesh.elements[:, 1:].ravel()]), mesh.X
+    part_of_node = connected_parts(pairs, len(X))
     count = part_of_node.max() + 1
     free = np.ones((count, 3), dtype=bool)
     if inertia is not None:

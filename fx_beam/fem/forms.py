@@ -68,11 +68,11 @@ class Forms:
         loses, beams = self.points.any_have("loss"), self.beams
         self.dissipate = loses or (beams is not None and beams.dissipate)
         self.depend_on_rates = follow or loses or (beams is not None and beams.depend_on_rates)
-        #: Sparsity with the entries of beams and of each node, of zeros.
-        self.beam_pattern = matrix_between(mesh.elements, len(mesh.X))
-        #: Tangent of all forces.
+        # Sparsity with the entries of beams and of each node, of zeros.
+        beam_pattern = matrix_between(mesh.elements, len(mesh.X))
         nodal = self.points.pairs.min(axis=1) >= 0
-        self.stiffness = K = with_pairs(self.beam_pattern, self.points.pairs[nodal])
+        #: Tangent of all forces.
+        self.stiffness = K = with_pairs(beam_pattern, self.points.pairs[nodal])
         self.points.locate_in(K)
 
     @cached_property

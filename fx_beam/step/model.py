@@ -253,7 +253,7 @@ def _mechanism(model: Model, massless: bool, settles: bool) -> str:
     from fx_beam.coupling.determinacy import mechanism_of
 
     mass = None if massless else model.masses.matrix
-    return mechanism_of(model.scene, model.mesh, model.forms.beam_pattern, mass, settles)
+    return mechanism_of(model.scene, model.mesh, mass, settles)
 
 
 def massless_dofs(model: Model) -> np.ndarray:
