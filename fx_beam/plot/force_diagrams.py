@@ -12,7 +12,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Area
 
 from fx_beam.errors import is_flag, is_one_of, require
-from fx_beam.results.fields import RESULTANTS, along_all
+from fx_beam.results.fields import RESULTANTS, along_all, in_rows
 from fx_beam.results.solution import Solution
 
 from .drawing import Drawing, checked_rows, headings, spacing, three_digits
@@ -155,12 +155,12 @@ def _extreme(
     solution: Solution, name: str, quantity: str, row: int, element: int, drawn: float
 ) -> float:
     """Extreme value of a member, of the sign of one drawn in an element: there, or at a load."""
-    resultants = solution.resultants(name)
     try:
-        balance = resultants.balanced()
-    except ValueError:  # it is not known
+        resultants = in_rows(solution.resultants(name), [row])
+    except ValueError:  # their balance is not known
         return drawn
+    balance = resultants.balanced()
     fine = np.linspace(balance.s[element], balance.s[element + 1], _FINE + 1)
     places, sign = np.append(fine, balance.places), np.sign(drawn)
     sides = [resultants.at(places, side) for side in ("before", "after")]
-    return float(sign * max((sign * getattr(side, quantity)[row]).max() for side in sides))
+    return float(sign * max((sign * getattr(side, quantity)).max() for side in sides))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from fx_beam.scene.law import Energy
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
+
+from .records import BeamResultants
 
 RESULTANTS = ("N", "Q", "M")
 _STIFFNESSES = ("EA", "GA", "EI")
@@ -41,9 +44,8 @@ def along_all(solution, quantity: str, rows, points: np.ndarray) -> np.ndarray:
     rows = list(rows)
     if quantity in RESULTANTS:
         with suppress(ValueError):  # the balance is not known
-            resultants = map(solution.resultants, solution.beams)
-            values_along = [r.in_elements(quantity, points)[rows] for r in resultants]
-            return np.concatenate(values_along, axis=1)
+            resultants = (in_rows(solution.resultants(name), rows) for name in solution.beams)
+            return np.concatenate([r.in_elements(quantity, points) for r in resultants], axis=1)
     if quantity == "speed":
         nodes = nodes_of_elements(solution)
         values = lagrange(np.linspace(0, 1, nodes.shape[1]), points)
@@ -52,6 +54,14 @@ def along_all(solution, quantity: str, rows, points: np.ndarray) -> np.ndarray:
     energies = quantity == "strain energy"
     values = energy_density(solution, rows) if energies else _at_points(solution, quantity, rows)
     return _through(values, points)
+
+
+def in_rows(resultants: BeamResultants, rows: list[int]) -> BeamResultants:
+    """Resultants in some rows alone; ValueError if the balance of elements is not known."""
+    balance = resultants.balanced()
+    balance = replace(balance, ends=balance.ends[rows], jumps=balance.jumps[rows])
+    N, Q, M = (getattr(resultants, name)[rows] for name in RESULTANTS)
+    return BeamResultants(resultants.s, N, Q, M, balance)
 
 
 def _at_points(solution, quantity: str, rows: list[int]) -> np.ndarray:
