@@ -33,7 +33,10 @@ def held_at_nodes(stepper: LoadStepper, state: State) -> State:
     if not path.held.any():
         return state
     forces = loop.balance(state, state.t).r.copy()
-    forces[stepper.model.force_columns["reactions"].ravel() >= 0] = 0.0
+    moves = np.asarray(abs(stepper.motions.coupling()).sum(axis=1) != 0).reshape(-1, 3)
+    moves[:, :2] |= moves[:, 1::-1]  # a node on an arm moves across it first
+    supports = stepper.model.force_columns["reactions"]
+    forces[~moves.ravel() | (supports.ravel() >= 0)] = 0.0
     forcing.first, forcing.rise = forcing.first + forces, forcing.rise - forces
     path.held = stepper.residual(state, state.t)
     left_forces = loop.balance(state, state.t).r

@@ -171,6 +171,19 @@ def test_a_taut_line_on_an_arm_is_a_load_in_the_shape_as_it_is_drawn(body_first)
     assert np.diff(solution.energy.springs) == pytest.approx(stored, rel=1e-3)
 
 
+def test_a_taut_line_at_a_pin_pulls_at_it_without_loads_as_well():
+    """As at a supported node, which has a reaction in both rows; another line is held."""
+    scene, spring = fb.Scene(), fb.Spring(10.0, rest=0.5)
+    beam = scene.add_beam([(0, 0), (1, 0)], LIGHT, elements=2)
+    pin = scene.add_joint(fb.Revolute(fb.GROUND, beam.start))
+    scene.fix(beam.end, "y")
+    for node in (beam.start, beam.node(0.5)):
+        scene.add_force_between(node, (node.x, -1), spring)
+    pull = fb.static(scene, linear=True).joint(pin).force
+    assert pull[0] == pytest.approx([0, 5.0, 0])
+    assert pull[1, 1] == pytest.approx(5.0 + 2.5, rel=0.01)
+
+
 @pytest.mark.parametrize("joint", [fb.Prismatic, fb.PinInSlot])
 def test_a_spring_on_a_slide_under_tension_is_let_go_against_both_beams(joint):
     """Two cantilevers along x meet in a slide along y; its spring is pushed together by s."""
