@@ -205,9 +205,6 @@ def between(states: list[State], points: np.ndarray, place: float) -> State:
 
 def _with_diagonal(A: scipy.sparse.csr_matrix, count: int) -> scipy.sparse.csr_matrix:
     """A matrix with places for the diagonal of its first rows, also where it is exactly zero."""
-    rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
-    missing = np.setdiff1d(np.arange(count), rows[rows == A.indices])
-    if not len(missing):
-        return A
-    places = np.append(rows, missing), np.append(A.indices, missing)
-    return scipy.sparse.csr_matrix((np.append(A.data, 0.0 * missing), places), A.shape)
+    entries, diagonal = A.tocoo(), np.arange(count)
+    places = np.append(entries.row, diagonal), np.append(entries.col, diagonal)
+    return scipy.sparse.csr_matrix((np.append(entries.data, np.zeros(count)), places), A.shape)
