@@ -413,8 +413,8 @@ def static(
         Whether to compute the first-order answer of a frame program instead: small displacements
         about the reference, with equilibrium in the undeformed shape. The solution has two rows,
         without loads and with all loads; displacements, reactions, resultants and diagrams are
-        proportional to the load factor, energies and work to its square. Without `start`, `spin`
-        and `continuation`.
+        proportional to the load factor, energies and work to its square. Friction of joints does
+        not act. Without `start`, `spin` and `continuation`.
 
     Returns
     -------
