@@ -13,7 +13,7 @@ from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.fem.loads import LoadedBeams
 from fx_beam.fem.mass import masses_of_points
 from fx_beam.laws.interval import StepBatch, just_inside
-from fx_beam.motions.element_balance import ElementLoads, components, directions_at_ends
+from fx_beam.motions.element_balance import ElementLoads, components, directions
 from fx_beam.motions.numbers import OF_OUTPUT
 from fx_beam.results.section_forces import Balance
 from fx_beam.results.solution import Solution
@@ -68,7 +68,7 @@ def numbers_of_sections(
             )
         numbers |= {
             _MASSES + OF_OUTPUT + name: dual_array(loads.masses)[cell],
-            _DIRECTIONS + OF_OUTPUT + name: directions_at_ends(X[mesh.elements[[cell]]])[0],
+            _DIRECTIONS + OF_OUTPUT + name: directions(X[mesh.elements[[cell]]])[0],
             _DEAD + OF_OUTPUT + name: _on_element(loads, cell, values_in_steps),
         }
     return numbers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from fx_beam.fem.mesh import Mesh
 from fx_beam.laws.interval import Rest, StepBatch, just_inside
 from fx_beam.laws.rates import NewmarkRates
 from fx_beam.results.section_forces import Balance
-from fx_beam.scene.beam import Beam, BeamPlace, lagrange_and_slopes
+from fx_beam.scene.beam import Beam, BeamPlace, lagrange, lagrange_and_slopes
 from fx_beam.scene.inputs import InputSignal
 from fx_beam.step.model import Model
 from fx_beam.step.recorder import Recorder
@@ -105,13 +106,12 @@ class ElementBalance:
         #: Forces (n, cells, degree + 1, 3) on the nodes of elements, in order along them.
         self.forces = forces.reshape(len(a), *model.mesh.elements.shape, 3)
         turns = self._steps.means(parts.q + level * parts.D)[:, model.mesh.dofs[:, 2]]
-        #: Rotations (n, cells, 2) at the ends of elements, to which components belong.
-        self.turns = turns[:, model.mesh.elements[:, [0, -1]]]
-        # Directions (n, cells, 2) of the sections' normals at the ends [rad].
-        self._angles = directions_at_ends(model.mesh.X[model.mesh.elements]) + self.turns
+        #: Rotations (n, cells, degree + 1) of the nodes of elements, in order along them.
+        self._turns = turns[:, model.mesh.elements]
+        angles = directions(model.mesh.X[model.mesh.elements]) + self._turns[:, :, [0, -1]]
         #: N, Q and M (n, cells, 2, 3) at both ends of elements.
         ends = self.forces[:, :, [0, -1]] * np.array([-1.0, 1.0])[:, None]
-        self.ends = components(ends, self._angles)
+        self.ends = components(ends, angles)
 
     def _batch(self, recorder: Recorder, a: np.ndarray, moves: bool) -> StepBatch:
         """The sub-steps, with rates at their starts, which Newmark's rule needs."""
@@ -170,21 +170,20 @@ class ElementBalance:
             force = np.zeros((len(values), 3))
             force[:, [0, 1] if load.kind == "force" else [2]] = values
             element, x = load.target.element
-            angles = self._angles[:, mesh.cells[number][element]] @ [1 - x, x]
+            cell = mesh.cells[number][element]
+            weights = lagrange(np.linspace(0.0, 1.0, mesh.elements.shape[1]), np.array([x]))[0]
+            angles = directions(mesh.X[mesh.elements[cell]], [x]) + self._turns[:, cell] @ weights
             places.append(load.target.s)
             jumps.append(-components(force, angles))
         shape = len(places), len(self.forces), 3
         return np.array(places), np.reshape(jumps, shape).swapaxes(0, 1)
 
 
-def directions_at_ends(X: Any) -> Any:
-    """Directions (..., 2) of the normals [rad] at both ends of elements with nodes (..., n, 2)."""
+def directions(X: Any, places: Sequence[float] = (0.0, 1.0)) -> Any:
+    """Directions (..., places) of the normals [rad] in elements with nodes (..., n, 2)."""
     nodes = np.linspace(0.0, 1.0, X.shape[-2])
-    tangents = lagrange_and_slopes(nodes, np.array([0.0, 1.0]))[1] @ X
-    x, y, end_x, end_y = (tangents[..., k, i] for k in (0, 1) for i in (0, 1))
-    first = np.arctan2(y, x)
-    # By the turn between them, both are on one side of pi.
-    return np.stack([first, first + np.arctan2(x * end_y - y * end_x, x * end_x + y * end_y)], -1)
+    tangents = lagrange_and_slopes(nodes, np.array(places))[1] @ X
+    return np.arctan2(tangents[..., 1], tangents[..., 0])
 
 
 def components(forces: np.ndarray, angles: np.ndarray) -> np.ndarray:

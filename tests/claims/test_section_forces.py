@@ -94,6 +94,21 @@ def test_the_jump_at_a_force_inside_a_curved_element_is_the_force_wherever_the_b
     assert (before.Q - after.Q)[-1] == pytest.approx(-10.0 * right)
 
 
+def test_the_jump_at_a_force_inside_a_bent_element_is_that_of_many_elements():
+    """Sections between the ends of a long element turn otherwise than on a straight line."""
+    jumps = []
+    for elements in (1, 8):
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(1e4, 1e4, 1.0), elements, degree=3)
+        scene.clamp(beam.start)
+        scene.add_force(beam.at(0.3), (0, -4.0))
+        scene.add_force(beam.end, (0, -1.0))
+        forces = fb.static(scene).resultants(beam)
+        before, after = (forces.at(0.3, side) for side in ("before", "after"))
+        jumps.append([(before.N - after.N)[-1].item(), (before.Q - after.Q)[-1].item()])
+    assert jumps[0] == pytest.approx(jumps[1], rel=2e-3)
+
+
 def test_a_couple_on_a_node_is_the_jump_of_the_moment_there():
     scene, beam = simply_supported()
     scene.add_moment(beam.node(0.5), 6.0)
