@@ -106,9 +106,10 @@ class ElementBalance:
         #: Forces (n, cells, degree + 1, 3) on the nodes of elements, in order along them.
         self.forces = forces.reshape(len(a), *model.mesh.elements.shape, 3)
         turns = self._steps.means(parts.q + level * parts.D)[:, model.mesh.dofs[:, 2]]
-        #: Rotations (n, cells, degree + 1) of the nodes of elements, in order along them.
-        self._turns = turns[:, model.mesh.elements]
-        angles = directions(model.mesh.X[model.mesh.elements]) + self._turns[:, :, [0, -1]]
+        #: Positions (cells, degree + 1, 2) and rotations (n, cells, degree + 1) of their nodes, of
+        #: now, as the model serves other scenes later.
+        self._X, self._turns = model.mesh.X[model.mesh.elements], turns[:, model.mesh.elements]
+        angles = directions(self._X) + self._turns[:, :, [0, -1]]
         #: N, Q and M (n, cells, 2, 3) at both ends of elements.
         ends = self.forces[:, :, [0, -1]] * np.array([-1.0, 1.0])[:, None]
         self.ends = components(ends, angles)
@@ -172,7 +173,7 @@ class ElementBalance:
             element, x = load.target.element
             cell = mesh.cells[number][element]
             weights = lagrange(np.linspace(0.0, 1.0, mesh.elements.shape[1]), np.array([x]))[0]
-            angles = directions(mesh.X[mesh.elements[cell]], [x]) + self._turns[:, cell] @ weights
+            angles = directions(self._X[cell], [x]) + self._turns[:, cell] @ weights
             places.append(load.target.s)
             jumps.append(-components(force, angles))
         shape = len(places), len(self.forces), 3

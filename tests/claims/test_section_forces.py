@@ -1,5 +1,6 @@
 """Section forces at any place, from the balance of elements, against closed forms and reactions."""
 
+import math
 import pickle
 
 import numpy as np
@@ -107,6 +108,20 @@ def test_the_jump_at_a_force_inside_a_bent_element_is_that_of_many_elements():
         before, after = (forces.at(0.3, side) for side in ("before", "after"))
         jumps.append([(before.N - after.N)[-1].item(), (before.Q - after.Q)[-1].item()])
     assert jumps[0] == pytest.approx(jumps[1], rel=2e-3)
+
+
+def test_jumps_are_in_the_direction_of_their_beam_after_another_scene_of_the_same_structure():
+    found = []
+    for y in (0.0, 0.75, -0.75):
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (1, y)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=2)
+        scene.clamp(beam.start)
+        scene.add_force(beam.at(0.3), (2.0, 0))
+        found.append((beam, fb.static(scene, linear=True), 2.0 / math.hypot(1, y)))
+    for beam, solution, jump in found:
+        forces = solution.resultants(beam)
+        before, after = (forces.at(0.3, side) for side in ("before", "after"))
+        assert (before.N - after.N)[-1] == pytest.approx(jump)
 
 
 def test_a_couple_on_a_node_is_the_jump_of_the_moment_there():
