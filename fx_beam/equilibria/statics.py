@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from fx_beam.errors import Failure, SceneError, StepError, shown
 from fx_beam.laws.interval import Rest
-from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.contact_check import warn_of_long_elements, warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.options import check_scene
-from fx_beam.motions.prepared import stats_of
 from fx_beam.motions.progress import attach, attach_partial_result, failure_of, progress_bar
-from fx_beam.motions.set_ups import model_for
 from fx_beam.motions.surroundings import warn_of_equal_work
 from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution, forces_on_nodes
@@ -32,30 +29,24 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import Watch
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.inverted_sections import count_inverted
-from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
-from fx_beam.step.turning_frame import TurningFrame, check_turns
+from fx_beam.step.turning_frame import check_turns
 
 from .branches import Branch, grow
 from .critical_points import PathStability
-from .crossings import Crossings
 from .first_order import first_order
-from .load_steps import LoadStepper
 from .path_states import PathStates, Start
+from .path_steps import PathSteps
 from .small_motions import SmallMotions
 from .static_options import StaticOptions
 
 _log = logging.getLogger("fx_beam")
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
-# The scheme of all equilibria.
-_AT_REST = Equilibrium()
-
-T = TypeVar("T")
 
 
-class LoadPath:
+class LoadPath(PathSteps):
     """The equilibria of a scene, from rest, or from a start whose loads go over to its own.
 
     `began` is when it was begun, by `time.perf_counter` [s].
@@ -67,7 +58,7 @@ class LoadPath:
         _check_start(options, scene, start)
         warn_of_equal_work()
         connected = with_functions(scene, options.inputs, "static: inputs")
-        self.scene, self.options = scene, options
+        self.scene = scene
         #: Whether it starts from rest, or from a bifurcation.
         self.from_rest, self._branches_off = start is None, isinstance(start, Branch)
         # The start, until the end of the run: with it one would hold all solutions before it.
@@ -76,21 +67,7 @@ class LoadPath:
         self._loads_on_nodes = _loads_on_nodes(scene, start, options.t)
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began = time.perf_counter()
-        self._lease = model_for(connected, _AT_REST, settles=True)
-        self.model: Model = (model := self._lease.model)
-        self.stats = stats_of(model, solver="sparse lu", static=True)
-        if options.continuation is not None and len(model.points.followed):
-            raise SceneError(
-                "static: arc-length steps do not find the force of a joint that its friction "
-                "follows. Use load steps (without continuation), or fx_beam.SmoothFriction"
-            )
-        with model.lock:  # or else another thread may read with other numbers
-            self._data = model.data
-            #: Why the scene without loads is a mechanism; empty if it is none.
-            self.mechanism = model.mechanism
-            turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
-            self.forcing = LoadForcing(model, options.t, turning)
-            self._begin_steps()
+        super().__init__(connected, options)
         #: Whether it warns if its last row is unstable.
         self.warns = True
         #: The states so far.
@@ -98,44 +75,9 @@ class LoadPath:
         watch.check("static")  # it calls all functions of time
         self.stats.setup_seconds = time.perf_counter() - self.began
 
-    def _begin_steps(self) -> None:
-        #: What takes the steps.
-        self.stepper = LoadStepper(self.forcing, self.options, self.stats)
-        self._crossings = Crossings(self.stepper)
-        self.stepper.check = self._crossings.check
-
-    @contextmanager
-    def in_use(self) -> Iterator[None]:
-        """A block with the numbers of this path, whatever its model has served since."""
-        model = self.model
-        with model.reading(self._data, self.forcing.time):
-            loop, held, present = self.stepper.loop, self.held, model.mechanism
-            model.mechanism = self.mechanism
-            try:
-                if loop.problem.numbers.data is not self._data:  # a later path has what is in C
-                    model.problems.pop(loop.problem.kind, None)
-                    self._begin_steps()
-                    self.stepper.path.held[:] = held
-                yield
-            finally:
-                self.mechanism, model.mechanism = model.mechanism, present
-
-    @property
-    def held(self) -> np.ndarray:
-        """Forces (free,) that hold the start, and fade as the loads rise."""
-        return self.stepper.path.held
-
     def followed(self) -> Solution:
         """The whole path. An exception has the solution of the steps before it."""
         return self.finished(self._followed)
-
-    def finished(self, find: Callable[[], T]) -> T:
-        """What a function finds on this path, whose model serves others from then on."""
-        try:
-            with self.in_use():
-                return find()
-        finally:
-            self._lease.end()
 
     def _followed(self) -> Solution:
         self._clock = time.perf_counter()
@@ -143,7 +85,7 @@ class LoadPath:
         self.states = states = _States(bar)
         try:
             with bar:
-                PathStates(self._crossings.arc, self._start).follow(states)
+                PathStates(self.crossings.arc, self._start).follow(states)
             self.stats.steps = len(states) - 1
             _end_early(self.stats, self.options, states[-1].t)
             solution = self._solution(states)
@@ -170,7 +112,7 @@ class LoadPath:
 
     def first_state(self) -> State:
         """The equilibrium at load factor 0, from which the loads rise."""
-        return PathStates(self._crossings.arc, self._start).first_state()
+        return PathStates(self.crossings.arc, self._start).first_state()
 
     def first_order(self) -> Solution:
         """The solution by small displacements about the reference."""
@@ -225,7 +167,7 @@ class LoadPath:
 
     def stability(self, states: list[State], solved: Callable[[State], Solution]) -> PathStability:
         """The stability of states, whose `solved` gives the solution of one."""
-        return PathStability(self.stepper, self._crossings, states, solved, self._branches_off)
+        return PathStability(self.stepper, self.crossings, states, solved, self._branches_off)
 
 
 def _end_early(stats: Stats, options: StaticOptions, factor: float) -> None:
