@@ -71,7 +71,8 @@ class MotionAnalysis(Analysis):
         run: Run = self.parameters.scenes.serve(x, self._begun, not plain)
         read = self._series.finished(run, lambda: self._rows_of(run) or run.solution())
         self.parameters.stats = run.prepared.stats
-        self.parameters.using = lambda: run.prepared.model.lock
+        lock = run.prepared.model.lock  # alone: a run has all its rows
+        self.parameters.using = lambda: lock
         if self._series.tape is not None:
             self._series.tape.last = run.recorder.end
         if isinstance(read, Solution):
