@@ -264,10 +264,13 @@ class Run:
         state_in_c, past, parts = prepared.loop.state, None, None
         if (state_in_c.arrays["q"] == state.q).all():  # no interrupt has come before the end
             past, parts = state_in_c.past, prepared.stepper.halving.state
-        state = prepared.turn_counter.without(-removed, state)
-        state = state.changed(parts=parts, past=past, **input_values)
+
+        def end() -> State:
+            whole = state.changed(parts=parts, past=past, **input_values)
+            return full_turns.TurnCounter.without(-removed, whole)
+
         return solution_of(
-            *(self.recorder, prepared.stats, lambda: state),
+            *(self.recorder, prepared.stats, end),
             None if times is None else np.array(times, float),
             [*options.breaks, *self._events],
             ended=True,
