@@ -20,7 +20,8 @@ _FIRST, _SECOND = np.linalg.inv(np.vander(np.append(0.0, _PARTS), increasing=Tru
 # Error of first-order equilibrium above which smaller states are tried, how much smaller they are,
 # and the part of the error that is worth it.
 _ACCURATE, _SMALLER, _LESS = 1e-10, 0.01 ** np.arange(4), 0.1
-# Least part of these loads that is tried where laws switch.
+# Least part of these loads that is tried where laws switch, or of loads that move a node by
+# `_LARGEST` of the scene's size.
 _NEAREST = 1e-4
 
 
@@ -94,10 +95,11 @@ class SmallLoads:
                 or (members and members.touched) != touched
             )
 
-        for part in _NEAREST ** np.linspace(0, 1, 20):
-            loads = part * largest * _PARTS
-            if not any(map(switched, loads.tolist())):
-                return part * largest
+        moved = abs(self.D / model.units.nodes).max(initial=0.0)
+        least = _NEAREST * min(largest, _LARGEST / (moved or 1.0))
+        for most in np.geomspace(largest, least, 20).tolist():
+            if not any(map(switched, (most * _PARTS).tolist())):
+                return most
         raise SceneError(
             f"{self._what}: a stop, a contact or a law of springs switches where the scene is at "
             "rest: its stiffness depends on the direction of the load. Take fx_beam.static"

@@ -223,6 +223,16 @@ def test_a_short_line_is_short_beside_displacements_that_nothing_turns_with():
     assert solution.energy.springs[-1] == pytest.approx(stored, rel=1e-8)
 
 
+def test_a_stop_that_is_far_does_not_count_where_what_slides_turns_nothing():
+    scene, beam = clamped_bar((2, 0), SECTION, elements=2, degree=3)
+    scene.add_force(beam.end, (0, 1e-8))
+    ball = scene.add_body((2.9, 0), mass=1.0).centre
+    laws = {"spring": fb.Spring(10.0), "stop": (-0.1, 0.1, 1e4)}
+    guide = scene.add_joint(fb.Prismatic(fb.GROUND, ball, axis=(1, 0), **laws))
+    scene.add_force(ball, (1e-2, 0))
+    assert fb.static(scene, linear=True).joint(guide).slide[-1] == pytest.approx(1e-3)
+
+
 @pytest.mark.parametrize("joint", [fb.Slider, fb.Sleeve])
 def test_a_node_slides_on_a_beam_as_far_as_its_spring_lets_it(joint):
     """The beam does not bend at all, and hardly stretches."""
