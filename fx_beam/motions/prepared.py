@@ -100,6 +100,11 @@ class Prepared:
         """
         model = self.model
         start_state = None if start is None else state_of(model, start)
+        if start is not None and start.stats.linear:
+            raise SceneError(
+                "start: a solution of first order is in no balance in its shape, and would spring "
+                "back. Start from fx_beam.static(scene)"
+            )
         if start is None or start_state is None or start.stats.static:
             return self.state_from(start_state, dt, accelerations)
         start_state = replace(

@@ -342,3 +342,15 @@ def test_free_beams_have_rigid_modes_without_a_word(caplog):
         scene.add_beam([(0, k), (2, k)], section, elements=8)
     assert (fb.modes(scene, n=6).frequencies == 0).all()
     assert not caplog.text
+
+
+@pytest.mark.parametrize("begin", [fb.simulate, fb.Motion])
+def test_a_motion_does_not_start_from_a_solution_of_first_order(begin):
+    """Whose elements would be stretched by the turns that it takes for small ones."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.1))
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, 1.0))
+    options = {"t_end": 0.1} if begin is fb.simulate else {}
+    with pytest.raises(fb.SceneError, match="first order is in no balance"):
+        begin(scene, dt=0.01, start=fb.static(scene, linear=True), **options)
