@@ -115,7 +115,7 @@ def timed(kind, name, times):
 
 def times_by_part(number, elements):
     """Processor times [s] to build, set numbers, take steps, of all else; and iterations."""
-    times = {"lease": 0.0, "_steps": 0.0}
+    times = {"prepare": 0.0, "_steps": 0.0}
     methods = [(kind, name, timed(kind, name, times)) for kind, name in TIMED]
     rows = []
     try:
@@ -129,14 +129,13 @@ def times_by_part(number, elements):
             whole = thread_time() - begun
             rest = whole - sum(times.values())
             rows.append([begun - clock, *times.values(), rest, solution.stats.newton_iterations])
-            del solution  # which would hold what the next scene needs
     finally:
         for kind, name, method in methods:
             setattr(kind, name, method)
     return np.array(rows[1:])
 
 
-TIMED = (MotionSeries, "lease"), (CompiledLoop, "_steps")
+TIMED = (MotionSeries, "prepare"), (CompiledLoop, "_steps")
 
 
 def held_iterations(number):

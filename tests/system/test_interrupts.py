@@ -1,6 +1,5 @@
 """An interrupt may come anywhere: a step is taken or it is not, and what was computed is kept."""
 
-import gc
 import itertools
 import signal
 import threading
@@ -187,9 +186,9 @@ def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctr
     run = RUNS[name]()
     # Each run sets up a model of its own, so that it has as many lines as the others.
     monkeypatch.setattr(RECENT, "size", 0)
+    monkeypatch.setattr(RECENT, "_waiting", [])
     if name == "turns":
         monkeypatch.setattr(full_turns, "STEPS", 3)
-    gc.collect()  # nor has it libraries of the tests before
     whole = run()
     steps, end = lines_of(run)
     # Not at the beginning of the steps: from run to run it is some lines earlier or later.
