@@ -121,7 +121,7 @@ def _joint_part(
     Forces change by the loads as they are seen from a, like N and Q of a stiff member.
     """
     reduction, state, size = model.reduction, small.state, model.size
-    arm_joints = joints_with_arms(model.couplings, model.scene)  # those of the scene of now
+    arm_joints = joints_with_arms(model.couplings, model.scene)  # of the present scene
     joints = [joint for joint in arm_joints if joint.a is not GROUND]
     dependence = reduction.maps.dependence_matrix()[:, reduction.independent]
     # Rotations of a, then slides.

@@ -106,8 +106,8 @@ class ElementBalance:
         #: Forces (n, cells, degree + 1, 3) on the nodes of elements, in order along them.
         self.forces = forces.reshape(len(a), *model.mesh.elements.shape, 3)
         turns = self._steps.means(parts.q + level * parts.D)[:, model.mesh.dofs[:, 2]]
-        #: Positions (cells, degree + 1, 2) and rotations (n, cells, degree + 1) of their nodes, of
-        #: now, as the model serves other scenes later.
+        # Positions (cells, degree + 1, 2) and rotations (n, cells, degree + 1) of their nodes: the
+        # model may serve another scene when jumps are read.
         self._X, self._turns = model.mesh.X[model.mesh.elements], turns[:, model.mesh.elements]
         angles = directions(self._X) + self._turns[:, :, [0, -1]]
         #: N, Q and M (n, cells, 2, 3) at both ends of elements.
