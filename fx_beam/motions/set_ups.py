@@ -53,8 +53,10 @@ class SetUps(Generic[T]):
                 try:
                     bind(entry[1])
                 except OtherStructureError as other:
-                    reason = str(other)
-                    break
+                    reason = reason or str(other)
+                    if self._most > 1:  # a later scene may have its structure again
+                        self._waiting.insert(0, entry)
+                    continue
                 self._used[id(entry[1])] = entry
                 return entry[1], ""
         if not reason:
