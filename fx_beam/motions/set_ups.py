@@ -55,7 +55,7 @@ class SetUps(Generic[T]):
                 except OtherStructureError as other:
                     reason = reason or str(other)
                     if self._most > 1:  # a later scene may have its structure again
-                        self._waiting.insert(0, entry)
+                        self._waiting.append(entry)
                     continue
                 self._used[id(entry[1])] = entry
                 return entry[1], ""

@@ -296,7 +296,7 @@ def test_resultants_of_a_path_have_parameters_at_its_time(linear):
 
 
 def test_scenes_of_two_structures_in_turns_have_a_set_up_each(monkeypatch):
-    """Also where they have as many parts."""
+    """Also where they have as many parts, and where others wait."""
     monkeypatch.setattr(RECENT, "_waiting", [])  # motions of other tests end late
 
     def reason(clamped, EI):
@@ -305,6 +305,8 @@ def test_scenes_of_two_structures_in_turns_have_a_set_up_each(monkeypatch):
             scene.fix(scene.beams[0].start, "rotation")
         return fb.simulate(scene, dt=0.01, t_end=0.02).stats.setup_reason
 
+    for elements in range(3, 11):
+        motion(1.0, elements=elements)
     reasons = [reason(clamped, EI) for EI in (1.0, 2.0, 3.0) for clamped in (False, True)]
     assert reasons[0] == "the first scene" and reasons[1] == "scene.fixed differs"
     assert reasons[2:] == [""] * 4
