@@ -53,10 +53,8 @@ class SetUps(Generic[T]):
                 try:
                     bind(entry[1])
                 except OtherStructureError as other:
-                    reason = reason or str(other)
-                    if self._most > 1:  # a later scene may have its structure again
-                        self._waiting.append(entry)
-                    continue
+                    reason = str(other)
+                    break
                 self._used[id(entry[1])] = entry
                 return entry[1], ""
         if not reason:

@@ -8,7 +8,6 @@ from registry import ONES, SCENES
 from scenes import pinned_bar
 
 import fx_beam as fb
-from fx_beam.motions.set_ups import RECENT
 
 OTHERS = 1.0 - 0.004 * np.arange(len(ONES))
 
@@ -293,20 +292,3 @@ def test_resultants_of_a_path_have_parameters_at_its_time(linear):
     path(130.0)
     np.testing.assert_array_equal(kept.resultants("beam 1").M, expected.M)
     np.testing.assert_array_equal(kept.resultants("beam 1").ends.M, expected.ends.M)
-
-
-def test_scenes_of_two_structures_in_turns_have_a_set_up_each(monkeypatch):
-    """Also where they have as many parts, and where others wait."""
-    monkeypatch.setattr(RECENT, "_waiting", [])  # motions of other tests end late
-
-    def reason(clamped, EI):
-        scene, _ = pinned_bar((2, 1), fb.Section(EA=1e4, GA=1e4, EI=EI, rhoA=1.0, rhoI=0.1))
-        if clamped:
-            scene.fix(scene.beams[0].start, "rotation")
-        return fb.simulate(scene, dt=0.01, t_end=0.02).stats.setup_reason
-
-    for elements in range(3, 11):
-        motion(1.0, elements=elements)
-    reasons = [reason(clamped, EI) for EI in (1.0, 2.0, 3.0) for clamped in (False, True)]
-    assert reasons[0] == "the first scene" and reasons[1] == "scene.fixed differs"
-    assert reasons[2:] == [""] * 4
