@@ -1,4 +1,4 @@
-"""What takes the steps of a path of equilibria, with its numbers in a model that serves others."""
+"""Steps of a path of equilibria, by a model that serves other paths later."""
 
 from __future__ import annotations
 

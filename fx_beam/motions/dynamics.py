@@ -14,11 +14,9 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 
-from .motion_series import MotionSeries
+from .motion_series import MotionSeries, present_series
 from .options import Condition, Options, check_scene
 from .progress import attach_partial_result
-from .set_ups import RECENT
-from .surroundings import thread_series
 
 # Changes that are so near to their limits when another one happens happen with it, as those of a
 # symmetric scene: relative to the force, to the size of the scene, or 1 rad.
@@ -241,7 +239,7 @@ def simulate(
     """
     check_scene(scene, "simulate")
     options = Options.among(locals())
-    series = thread_series() or MotionSeries(cache=RECENT)
+    series = present_series()
     if changes is None:
         return series.motion(scene, options, start)
     return ChangingScene(scene, changes, options).motion(series, start)

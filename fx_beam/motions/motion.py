@@ -31,11 +31,9 @@ from fx_beam.step.single_steps import CompiledSingleSteps
 from .evaluation import solution_of
 from .mark import Mark
 from .measurement import Instant, fitted_state, fitted_value, readings
-from .motion_series import MotionSeries
+from .motion_series import present_series
 from .options import MOST_STEPS, Grid, Options, check_scene, grid_from
 from .prepared import Prepared, state_of
-from .set_ups import RECENT
-from .surroundings import thread_series
 
 # Steps for whose rows room is made at once.
 _ROWS = 1024
@@ -277,7 +275,7 @@ class OpenMotion:
 
 
 def one_motion(method: Method) -> Method:
-    """A method for one thread, while which no other one reads solutions of the same set-up."""
+    """A method for one thread; meanwhile no other one reads solutions of the same set-up."""
 
     @functools.wraps(method)
     def alone(self: Motion, *arguments, **options):
@@ -387,7 +385,7 @@ class Motion:
         outputs = dict(outputs)
         self._arguments = passed | {"scheme": options.scheme, "dt": self._dt, "outputs": outputs}
         held_inputs = HeldInputs(scene)
-        series = thread_series() or MotionSeries(cache=RECENT)
+        series = present_series()
         self._prepared = prepared = series.prepare(held_inputs.scene, options)
         finalize(self, series.give_back, prepared).atexit = False
         with prepared.model.lock:

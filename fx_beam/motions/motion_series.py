@@ -18,8 +18,8 @@ from .initial_state import end_of
 from .options import Options
 from .prepared import Prepared
 from .run import Run
-from .set_ups import SetUps, kind_of
-from .surroundings import call_with_arrays, warn_of_equal_work
+from .set_ups import RECENT, SetUps, kind_of
+from .surroundings import call_with_arrays, thread_series, warn_of_equal_work
 
 if TYPE_CHECKING:
     from fx_beam.step.tape import Tape
@@ -53,7 +53,7 @@ class MotionSeries:
         return self.finished(run, run.solution)
 
     def finished(self, run: Run, finish: Callable[[], T]) -> T:
-        """What `finish` gives after all steps of a run, whose set-up serves others from then on."""
+        """Result of `finish` after all steps of a run, whose set-up then serves other scenes."""
         try:
             return run.take_steps(finish)
         finally:
@@ -127,3 +127,8 @@ class MotionSeries:
         else:
             self.tape.clear()
         prepared.loop.tape = self.tape
+
+
+def present_series() -> MotionSeries:
+    """The series of a sweep's worker; elsewhere one that shares the recent set-ups."""
+    return thread_series() or MotionSeries(cache=RECENT)

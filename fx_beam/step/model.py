@@ -127,9 +127,9 @@ class Model:
 
     @contextmanager
     def reading(self, data: Data, time: float | None = None) -> Iterator[None]:
-        """A block with the numbers of a run that has ended; then others have theirs again.
+        """A block with the data of a run that has ended, in place of the present data.
 
-        Of equilibria with parameters at a `time` [s].
+        In equilibria parameters have their values at a `time` [s].
         """
         with self.lock:
             present, parameters = self.data, self.forms.parameters

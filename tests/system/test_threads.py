@@ -9,7 +9,7 @@ import pytest
 
 import fx_beam as fb
 from fx_beam.equilibria.small_motions import SmallMotions
-from fx_beam.motions import dynamics, set_ups
+from fx_beam.motions import motion_series, set_ups
 from fx_beam.step import tangent_storage, threads
 from fx_beam.step.tables import Problem
 
@@ -57,7 +57,7 @@ def bent():
 def large(monkeypatch):
     """Scenes of these tests are large ones, each of which is set up anew."""
     monkeypatch.setattr(set_ups, "RECENT", set_ups.SetUps(size=0))
-    monkeypatch.setattr(dynamics, "RECENT", set_ups.RECENT)
+    monkeypatch.setattr(motion_series, "RECENT", set_ups.RECENT)
     monkeypatch.setattr(tangent_storage, "LARGE", 100)
     monkeypatch.setenv("FX_BEAM_THREADS", "2")
 
