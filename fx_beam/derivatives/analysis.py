@@ -11,7 +11,8 @@ from fx_beam.dual import floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_functions
-from fx_beam.scene.outputs import Measured, Output, is_section_force
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import Output, is_section_force
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
@@ -19,7 +20,7 @@ from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .output_values import Wanted, values_of
 from .parametrised import Parametrised
-from .row_output import numbers_of_places
+from .row_output import numbers_of_outputs
 from .section_outputs import numbers_of_sections
 
 
@@ -81,7 +82,7 @@ class Analysis:
         self, scene: Scene, outputs: Mapping[str, Wanted], known: Mapping[str, Wanted]
     ) -> dict[str, Any]:
         """Numbers of a scene that its outputs read; those `known` are of the last scene."""
-        numbers = numbers_of_places(outputs, known)
+        numbers = numbers_of_outputs(outputs, known)
         if any(map(is_section_force, known.values())):
             model, tape, _ = self.followed("derivatives")
             scene = with_functions(scene, self.inputs, "Response: inputs")

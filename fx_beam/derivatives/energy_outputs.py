@@ -18,8 +18,7 @@ from fx_beam.errors import SceneError
 from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.fem.point_values import PointValues, energy_slopes_of_members
 from fx_beam.laws.interval import StepBatch
-from fx_beam.results.solution import Solution
-from fx_beam.scene.outputs import Measured
+from fx_beam.scene.measured import Measured
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.layout import Arrays
@@ -124,11 +123,6 @@ class EnergyOutput(RowOutput):
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
         self._parts = measured.quantity.of
-
-    @staticmethod
-    def value(solution: Solution, measured: Measured) -> np.ndarray:
-        """As of `RowOutput`."""
-        return getattr(solution.energy, measured.quantity.of)
 
     @classmethod
     def needs(cls, model: Model, measured: Measured) -> Needs:

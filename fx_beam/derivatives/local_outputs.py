@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,13 +10,11 @@ from numpy.typing import ArrayLike
 from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.fem.point_values import PointValues
 from fx_beam.laws.interval import StepBatch
-from fx_beam.results.solution import Solution
-from fx_beam.scene.beam import BeamPlace
-from fx_beam.scene.outputs import Measured
+from fx_beam.scene.measured import Measured, Read, Slope
 from fx_beam.step.model import Model
 
 from .gradient import Block, Chosen, of_entries
-from .row_output import Needs, Places, RowOutput, place_of
+from .row_output import Needs, Places, RowOutput, numbers_of_output
 
 #: Forces in steps, at the start, and of rates that fit, by the names of arrays in `State`.
 _FORCES = {
@@ -26,94 +23,106 @@ _FORCES = {
 }
 # Pulls (lines,) at the start of a run.
 _AT_START = "forces of lines"
-# Numbers of the scene that outputs read: positions, and those of joints with a slide.
-_NUMBERS = "X", "offsets of slides", "axes of slides"
 
 
 class LocalOutput(RowOutput):
-    """An output of a node or a joint; rates that fit the joints are "rates" of the states.
+    """An output of a node, a place, a joint or a line, whose `Measured` has it and its slopes.
 
-    Or of a place, of which there are numbers.
+    Rates that fit the joints are "rates" of the states.
     """
 
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
         sub_steps, self._model = self._sub_steps, self._sub_steps.model
-        self._rates = sub_steps.rates
+        self._rates, self._name = sub_steps.rates, name
         #: Lengths of a row.
         self.shape = measured.shape
 
-        def read(array: str, entries: int | np.ndarray) -> np.ndarray:
+        def read(array: str, entries: np.ndarray) -> np.ndarray:
             if array == "X":
-                return self._model.mesh.X.reshape(-1)[entries]
+                return np.tile(self._model.mesh.X.reshape(-1)[entries], (len(places.ends), 1))
             states = sub_steps.states[self._rates if array == "v" else array]
-            return states[places.ends, entries]
+            return states[places.ends][:, entries]
 
         at_rest = self._model.scheme.rates.at_rest and measured.quantity.of in ("v", "a")
-        terms = () if at_rest else measured.slopes(read)
-        blocks = (block for term in terms for block in self._blocks_of(*term))
+        slopes = () if at_rest or not len(places.ends) else self._slopes_of(measured, read)
+        blocks = (block for slope in slopes for block in self._blocks_of(*slope))
         self._blocks = [block for block in blocks if len(block.rows)]
-        if isinstance(measured.place, BeamPlace) and not at_rest and len(places.ends):
-            self._blocks += self._by_place(measured, read, place_of(name))
+
+    def _slopes_of(self, measured: Measured, read: Read) -> Iterable[Slope]:
+        if (joint := measured.sliding) is not None:
+            return [Slope("rates of slides", np.array([joint.number]), np.ones((1, 1, 1)))]
+        return measured.slopes(read)
 
     def blocks(self, rows: np.ndarray) -> list[Block]:
         """Derivatives of the output, in all rows."""
         return self._blocks
 
-    def _by_place(self, measured: Measured, read: Callable, numbers: str) -> Iterator[Block]:
-        """Derivatives by where the place is in its element."""
-        slopes = itertools.cycle(measured.place.shares_and_slopes[1])
-        terms = [*zip(measured.terms, slopes, strict=False)]
-        rows = np.arange(len(self._places.ends))
-        for part in range(np.size(measured.terms[0].entries)):
-            slope = sum(
-                slope * read(term.array, np.ravel(term.entries)[part]) for term, slope in terms
-            )
-            yield Block(numbers, slice(1), rows, slope[:, None], part=part)
-
-    def _blocks_of(self, array: str, entries: np.ndarray, factor: ArrayLike) -> Iterator[Block]:
-        """Derivatives by entries of states, forces and numbers, one for each component."""
-        entries = np.atleast_1d(entries)
-        parts = np.arange(len(entries))
+    def _blocks_of(self, array: str, entries: np.ndarray, slopes: np.ndarray) -> Iterator[Block]:
+        """Derivatives (n, components, e) by entries of states, forces and numbers."""
         if (columns := self._model.force_columns.get(array)) is not None:
             columns = columns.reshape(-1)[entries]
             have_column = columns >= 0
-            array, entries, parts = "constraint_forces", columns[have_column], parts[have_column]
+            array, entries = "constraint_forces", columns[have_column]
+            slopes = slopes[..., have_column]
+        every, ends = np.arange(len(self._places.ends)), self._places.ends
         if array == "a":
-            yield from self._change(self._rates, entries, parts)
-            yield self._at_start("a", entries, parts)
+            yield from self._change(self._rates, entries, slopes)
+            yield from self._blocks_at("a", entries, self._places.at_start, slopes)
         elif array in _FORCES:
-            yield from self._force(*_FORCES[array], entries, parts)
-        elif array in _NUMBERS:
-            yield of_entries(array, entries, parts, np.arange(len(self._places.ends)), factor)
+            yield from self._force(*_FORCES[array], entries, slopes)
+        elif not array:
+            yield from self._blocks_at(numbers_of_output(self._name), entries, every, slopes)
+        elif array == "X":
+            yield from self._blocks_at(array, entries, every, slopes)
         else:
-            name, ends = self._rates if array == "v" else array, self._places.ends
-            state_entries = self._at(name, entries)
-            yield of_entries(name, state_entries, parts, np.arange(len(ends)), factor, ends)
+            name = self._rates if array == "v" else array
+            yield from self._blocks_at(name, self._at(name, entries), every, slopes, ends)
+
+    @staticmethod
+    def _blocks_at(
+        name: str,
+        entries: np.ndarray,
+        rows: np.ndarray,
+        slopes: np.ndarray,
+        places: np.ndarray | None = None,
+        factor: ArrayLike = 1.0,
+    ) -> Iterator[Block]:
+        """Derivatives in rows (k,): those of each are in `slopes`, or are the same in all."""
+        depends, factor = slopes.any(axis=0), np.reshape(factor, (-1, 1))
+        groups = [(int(part), np.flatnonzero(depends[part])) for part in range(len(depends))]
+        if (
+            len(depends) > 1
+            and depends.sum(axis=0).max(initial=0) == depends.sum(axis=1).max() == 1
+        ):
+            groups = [np.nonzero(depends)]  # each component has one entry
+        for part, columns in groups:
+            values = slopes[:, part, columns]
+            values = factor * (values if len(values) == 1 else values[rows])
+            values = np.ascontiguousarray(np.broadcast_to(values, (len(rows), len(columns))))
+            if len(columns):
+                yield Block(name, entries[columns], rows, values, places, part)
 
     def _at(self, name: str, entries: np.ndarray) -> np.ndarray:
         known = self._places.entries.get(name)
         return entries if known is None else np.searchsorted(known, entries)
 
-    def _change(self, name: str, entries: np.ndarray, parts: np.ndarray) -> Iterator[Block]:
+    def _change(self, name: str, entries: np.ndarray, slopes: np.ndarray) -> Iterator[Block]:
         """The change over the steps, by their lengths."""
         places, rows = self._places, self._places.moved
-        rate_factor = 1 / places.steps.lengths[rows]
+        entries, rate_factor = self._at(name, entries), 1 / places.steps.lengths[rows]
         for boundaries, factor in ((places.ends, rate_factor), (places.starts, -rate_factor)):
-            yield of_entries(name, self._at(name, entries), parts, rows, factor, boundaries[rows])
-
-    def _at_start(self, name: str, entries: np.ndarray, parts: np.ndarray) -> Block:
-        return of_entries(name, entries, parts, self._places.at_start, 1.0)
+            yield from self._blocks_at(name, entries, rows, slopes, boundaries[rows], factor)
 
     def _force(
-        self, name: str, at_start: str, impulse: str, entries: np.ndarray, parts: np.ndarray
+        self, name: str, at_start: str, impulse: str, entries: np.ndarray, slopes: np.ndarray
     ) -> Iterator[Block]:
         """A mean force over the steps, with what rates that fit add to it."""
         steps, forces = self._places.steps, self._places.forces
-        yield of_entries(name, entries, parts, steps.of, steps.shares, forces)
-        yield self._at_start(at_start, entries, parts)
+        yield from self._blocks_at(name, entries, steps.of, slopes, forces, steps.shares)
+        yield from self._blocks_at(at_start, entries, self._places.at_start, slopes)
         if self._model.fits_rates:
-            yield from self._change(impulse, entries, parts)
+            yield from self._change(impulse, entries, slopes)
 
 
 class ResultantOutput(RowOutput):
@@ -131,11 +140,6 @@ class ResultantOutput(RowOutput):
         self._component = "NQM".index(measured.name)
         self.shape = (len(self._cells) * model.forms.internal_shape[1],)
         self._rows, self._steps, self._shares = places.means()
-
-    @staticmethod
-    def value(solution: Solution, measured: Measured) -> np.ndarray:
-        """As of `RowOutput`."""
-        return getattr(solution.resultants(measured.place), measured.name)
 
     @classmethod
     def needs(cls, model: Model, measured: Measured) -> Needs:
@@ -176,7 +180,7 @@ def _evenly(entries: np.ndarray) -> Chosen:
 
 
 class LineOutput(RowOutput):
-    """Quantities of the laws of a line: its force, energy, length or rate."""
+    """Quantities of the laws of a line: its force or energy."""
 
     def __init__(self, places: Places, name: str, measured: Measured):
         super().__init__(places, name, measured)
@@ -210,25 +214,20 @@ class PullOutput(LineOutput):
             yield of_entries(_AT_START, self._line, 0, places.at_start, 1.0)
 
 
-class StateOutput(LineOutput):
-    """The "energy" that a line stores, its "length" or "rate", at the rows (n,) of a run."""
+class LineEnergyOutput(LineOutput):
+    """The "energy" that a line stores, at the rows (n,) of a run."""
 
     def blocks(self, rows: np.ndarray) -> Iterator[Block]:
         """As of `RowOutput`."""
-        sub_steps, model, moves = self._sub_steps, self._sub_steps.model, self._law == "rate"
+        sub_steps = self._sub_steps
         boundaries = sub_steps.boundaries[self._places.ends[rows]]
-        if moves and model.scheme.rates.at_rest:
-            return
         for group in sub_steps.groups(boundaries):
             states = sub_steps.at(numbers := boundaries[group])
-            names = ["q", "parameters"]
-            arrays = {name: states[name] for name in names if name in states}
-            if moves:
-                arrays["v"] = states[sub_steps.rates]
+            arrays = {name: states[name] for name in ("q", "parameters") if name in states}
             ones, internal = np.ones(len(numbers)), states["spring internal"]
             steps = StepBatch(0 * ones, ones, spring_internal=internal, **arrays)
             blocks = (
-                Block(sub_steps.rates if name == "v" else name, entries, rows[group], slopes)
+                Block(name, entries, rows[group], slopes)
                 for name, entries, slopes in self._values.slopes(steps)
             )
             yield from sub_steps.at_states(numbers, blocks)

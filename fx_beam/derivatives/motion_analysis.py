@@ -23,7 +23,7 @@ from fx_beam.results.records import stats_unchanged
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
-from fx_beam.scene.outputs import Measured
+from fx_beam.scene.measured import Measured
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model, massless_dofs, once
 from fx_beam.step.tape import Tape

@@ -9,9 +9,8 @@ import numpy as np
 
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
-from fx_beam.scene.beam import Node
-from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import Measured, is_section_force
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import is_section_force
 from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.layout import Arrays
@@ -21,6 +20,7 @@ from fx_beam.step.tape import Tape
 
 from .energy_outputs import check_work
 from .gradient import Gradient
+from .local_outputs import LocalOutput
 from .output_kinds import kind_of, needs_of
 from .row_output import Places
 from .sub_steps import SubSteps
@@ -52,15 +52,14 @@ def read_entries(model: Model, outputs: Outputs) -> dict[str, np.ndarray]:
     """The only entries of states that outputs read, by name; empty if they may read all."""
     listed = outputs.values()
     is_linear = all(
-        isinstance(measured.place, Node | Joint) and not measured.sliding for measured in listed
+        measured.is_constant and kind_of(measured) is LocalOutput for measured in listed
     )
     if not is_linear or (model.fits_rates and needs_of(model, listed).rates):
         return {}
     entries: dict[str, set[int]] = {"q": set(), "v": set(), "slides": set()}
-    for term in itertools.chain(*(measured.terms for measured in listed)):
-        chosen = entries.get("v" if term.array == "a" else term.array, set())
-        chosen.update(np.atleast_1d(term.entries).tolist())
-    return {name: np.array(sorted(numbers)) for name, numbers in entries.items() if numbers}
+    for array, numbers in itertools.chain(*(measured.needs for measured in listed)):
+        entries.get("v" if array == "a" else array, set()).update(numbers.tolist())
+    return {name: np.array(sorted(chosen)) for name, chosen in entries.items() if chosen}
 
 
 def summed(outputs: Outputs) -> list[str]:

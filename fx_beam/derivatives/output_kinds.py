@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.outputs import Measured, is_section_force
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import is_section_force
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 
 from .energy_outputs import SINCE_START, EnergyOutput, WorkOutput
-from .local_outputs import LocalOutput, PullOutput, ResultantOutput, StateOutput
+from .local_outputs import LineEnergyOutput, LocalOutput, PullOutput, ResultantOutput
 from .row_output import Needs, RowOutput
 from .section_outputs import SectionOutput
 
@@ -24,7 +25,7 @@ def kind_of(measured: Measured) -> type[RowOutput]:
     if is_section_force(measured.output):
         return SectionOutput
     if measured.law_quantity:
-        return PullOutput if measured.law_quantity == "pull" else StateOutput
+        return PullOutput if measured.law_quantity == "pull" else LineEnergyOutput
     return LocalOutput
 
 

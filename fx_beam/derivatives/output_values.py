@@ -12,7 +12,8 @@ from fx_beam.equilibria.critical_points import first_critical_point
 from fx_beam.errors import require
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
-from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Measured, Output
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.recorder import Record, Recorder
@@ -59,20 +60,15 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
     require(output.quantity != PERIOD, f"Response: the output {name!r}", str(output), expected)
     if output.quantity == CRITICAL_LOAD:
         return np.array(first_critical_point(solution).load_factor)
-    measured = Measured(output)
-    return kind_of(measured).value(solution, measured)
+    return solution.value(output)
 
 
 def row_values(model: Model, recorder: Recorder, measured: Measured) -> np.ndarray | None:
     """Values (n, ...) of an output of a node that rows have as it is, else None; a copy of them."""
-    quantity, place = measured.quantity, measured.place
-    array, component = quantity.of, measured.component
-    is_of_node = isinstance(place, Node) and array in ("q", "v")
+    array, rows = measured.quantity.of, recorder.rows
+    is_of_node = isinstance(measured.place, Node) and array in ("q", "v")
     fitted = bool(recorder.turns) or (array == "v" and model.fits_rates)
     if not is_of_node or fitted or array in recorder.serving or array not in recorder.arrays:
         return None
-    column = quantity.column + (0 if isinstance(component, slice) else component)
-    end, first = column + (measured.shape or (1,))[0], 3 * place.number
-    reference = model.mesh.X[place.number, column:end] if quantity.is_place else 0.0
-    values = 0.0 + reference + recorder.arrays[array][: recorder.rows, first + column : first + end]
-    return values if measured.shape else values[:, 0]
+    arrays = {"X": model.mesh.X.reshape(1, -1), array: recorder.arrays[array][:rows]}
+    return measured.values(lambda name, entries: arrays[name][:, entries])

@@ -15,7 +15,8 @@ from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positiv
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.options import Options
 from fx_beam.results.solution import Solution
-from fx_beam.scene.outputs import Measured, Output, check_differentiable, check_output
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import Output, check_differentiable, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record

@@ -9,10 +9,10 @@ import numpy as np
 
 from fx_beam.dual import MaybeDual, dual_array
 from fx_beam.motions.numbers import OF_OUTPUT
-from fx_beam.results.solution import Solution, history
 from fx_beam.results.state import HISTORIES
-from fx_beam.scene.beam import BeamPlace
-from fx_beam.scene.outputs import Measured, Output
+from fx_beam.scene.beam import BeamPlace, Node
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import Output, is_section_force
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.sub_step_times import Steps
@@ -21,22 +21,27 @@ from .gradient import Block, Gradient, jvp, vjp
 from .sub_steps import SubSteps
 
 
-def place_of(name: str) -> str:
-    """The numbers of an output at a place: the part of the element before it, and its length."""
-    return "place" + OF_OUTPUT + name
+def numbers_of_output(name: str) -> str:
+    """The numbers of an output; of a section force the part of its element, and its length."""
+    return "numbers" + OF_OUTPUT + name
 
 
-def numbers_of_places(
+def numbers_of_outputs(
     outputs: Mapping[str, Any], known: Mapping[str, object]
 ) -> dict[str, MaybeDual]:
-    """Numbers of outputs at places, in the elements of those that are known."""
+    """Numbers of outputs, at places in the elements of those that are known."""
     numbers = dict[str, MaybeDual]()
     for name, output in known.items():
-        if isinstance(output, Output) and isinstance(output.of, BeamPlace):
+        if not isinstance(output, Output) or isinstance(output.of, Node):
+            continue  # it has none
+        values = Measured(outputs[name]).numbers
+        if isinstance(output.of, BeamPlace):
             place, (element, _) = outputs[name].of, output.of.element
             start, end = place.beam.s[element : element + 2]
             part, length = (place.s - start) / (end - start), end - start
-            numbers[place_of(name)] = dual_array([part, length])
+            values = dual_array([part, length] if is_section_force(output) else [part])
+        if values.size:
+            numbers[numbers_of_output(name)] = values
     return numbers
 
 
@@ -92,11 +97,6 @@ class RowOutput:
 
     def __init__(self, places: Places, name: str, measured: Measured):
         self._sub_steps, self._places = places.sub_steps, places
-
-    @staticmethod
-    def value(solution: Solution, measured: Measured) -> np.ndarray:
-        """Values (n, ...) in a solution."""
-        return history(solution, measured.output)
 
     @classmethod
     def record_of(cls, measured: Measured) -> str:

@@ -16,16 +16,16 @@ from fx_beam.laws.interval import StepBatch, just_inside
 from fx_beam.motions.element_balance import ElementLoads, components, directions
 from fx_beam.motions.numbers import OF_OUTPUT
 from fx_beam.results.section_forces import Balance
-from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import BeamPlace
-from fx_beam.scene.outputs import Measured, Output, is_section_force
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import Output, is_section_force
 from fx_beam.scene.scene import Scene
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
 from .gradient import Block, DualArrays, of_names, of_rows
-from .row_output import Needs, Places, RowOutput, place_of
+from .row_output import Needs, Places, RowOutput, numbers_of_output
 
 #: Values (n, ...) at times (n,) [s].
 Series = Callable[[np.ndarray], np.ndarray | Dual]
@@ -142,12 +142,6 @@ class SectionOutput(RowOutput):
         self._rows, self._steps, self._shares = places.means()
         self._read(places.numbers)
 
-    @staticmethod
-    def value(solution: Solution, measured: Measured) -> np.ndarray:
-        """As of `RowOutput`."""
-        forces = solution.resultants(measured.place.beam).at(measured.place.s)
-        return getattr(forces, measured.name)[:, 0]
-
     @classmethod
     def needs(cls, model: Model, measured: Measured) -> Needs:
         """As of `RowOutput`."""
@@ -174,7 +168,10 @@ class SectionOutput(RowOutput):
             forces += a @ mass
         signs, angles = np.array([[-1.0], [1.0]]), numbers[self._number(_DIRECTIONS)] + turns
         ends = components(signs * forces[:, element.end_places], angles)
-        (x, h), values = numbers[place_of(self._name)], np.hstack([ends.reshape(-1, 6), gauss])
+        (x, h), values = (
+            numbers[numbers_of_output(self._name)],
+            np.hstack([ends.reshape(-1, 6), gauss]),
+        )
 
         def slope(change: np.ndarray) -> np.ndarray:
             """Along a change of x and h: shares are polynomials of the fourth degree at most."""
@@ -195,7 +192,7 @@ class SectionOutput(RowOutput):
         self._gauss_slopes = shares[6:]
         self._force_slopes[:, element.end_places] = signs * end_slopes
         every = np.arange(count)
-        self._row_blocks = [of_rows(place_of(self._name), every, place_slopes)]
+        self._row_blocks = [of_rows(numbers_of_output(self._name), every, place_slopes)]
         self._row_blocks.append(of_rows(self._number(_DIRECTIONS), every, angle_slopes))
         if mass is not None:
             point_slopes = np.einsum("nw,pwv->npv", self._force_slopes, masses_of_points(degree))

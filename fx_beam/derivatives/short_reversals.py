@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.scene.coordinate import SmoothFriction
-from fx_beam.scene.outputs import Measured, Output, Read
+from fx_beam.scene.measured import Measured, Read
+from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape

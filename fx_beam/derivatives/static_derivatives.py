@@ -16,7 +16,8 @@ from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.numbers import static_numbers_of
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
-from fx_beam.scene.outputs import Measured, Output
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import once, sizes_of
 from fx_beam.step.numbers import data_of

@@ -156,7 +156,7 @@ class CompiledLaw:
         return self._functions[quantity].in_rows(inputs)
 
     def slopes(self, quantity: str, inputs: np.ndarray) -> np.ndarray:
-        """Derivatives (k, n) of one of `_OTHERS`, "length" or "rate" by inputs (k, n)."""
+        """Derivatives (k, n) of one of `_OTHERS` by inputs (k, n)."""
         return self.derivative(quantity).in_rows(inputs)
 
     def derivative(self, quantity: str) -> PointFunction:

@@ -33,8 +33,7 @@ class PointSlopes(NamedTuple):
 class PointValues:
     """The sum of a function of all forces at points, or of those along a line.
 
-    The function is that of a law: "energy" or "loss", of lines also "pull", "length" or "rate". It
-    is that in steps of the scheme, or by a `rule` of its own. Members that touch are left out.
+    The function is that of a law: "energy" or "loss", of lines also "pull". It is that in steps of the scheme, or by a `rule` of its own. Members that touch are left out.
     """
 
     def __init__(
@@ -47,8 +46,6 @@ class PointValues:
         self._quantity = quantity
         chosen = [x for x in points.placed if line is None or x.force.line == line]
         forces = [x for x in chosen if getattr(x.law.law, quantity) is not None]
-        if quantity in ("length", "rate"):
-            forces = forces[:1]  # all have them
         if rule is not None and forces:
             laws = laws_of_forces([placed.law.law for placed in forces], rule)
             places = [np.array(points.parameters.indices(law.parameters), int) for law in laws]

@@ -113,10 +113,8 @@ class PointLaw:
     loss: Callable[[ForceStep], Expr] | None = None
     #: Values at the start of a step that change their sign where the force switches.
     switches: Callable[[ForceStep], list] | None = None
-    #: Its pull along a line between points, if this is recorded; length and rate at the start.
+    #: Its pull along a line between points, if this is recorded.
     pull: Callable[[ForceStep], Expr] | None = None
-    length: Callable[[ForceStep], Expr] | None = None
-    rate: Callable[[ForceStep], Expr] | None = None
     #: Number of internal variables, and of what iterations remember.
     internal: int = 0
     iteration_memory: int = 0

@@ -107,11 +107,7 @@ def _point_law(
         )
         return moving._replace(still=still)
 
-    line_parts: dict[str, Any] = {
-        "pull": motion_function(lambda step: side * forces(step).pull),
-        "length": motion_function(lambda step: step.x.start),
-        "rate": motion_function(lambda step: step.x.rate),
-    }
+    pull = motion_function(lambda step: side * forces(step).pull)
     return PointLaw(
         f"{name} on {kind.name}",
         kind.size,
@@ -120,7 +116,7 @@ def _point_law(
         energy and motion_function(energy),
         loss and motion_function(loss),
         switches and motion_function(switches),
-        **(line_parts if kind.is_line else {}),
+        pull=pull if kind.is_line else None,
         **options,
     )
 

@@ -15,12 +15,13 @@ from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.loads import check_node
-from fx_beam.scene.outputs import Measured, Output
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.undamped_modes import Symmetry
 
 from .damped_pencil import DampedPencil, Weighted
-from .linearisation import Linearisation, linearised, motion_rows
+from .linearisation import Linearisation, linearised, output_rows
 
 # Motion per force, in the units of the equations' diagonal, at which only rounding bounds it.
 _UNBOUNDED = 1e14
@@ -328,8 +329,10 @@ class ObservedMotion:
         #: but for slides, and from the unknowns (m, free).
         self.names = tuple(outputs)
         self.node_rows = np.vstack(
-            [motion_rows(model, output, nodes, no_slides) for output in listed]
+            [output_rows(model, output, {"q": nodes, "slides": no_slides}) for output in listed]
         )
-        column_rows = np.vstack([motion_rows(model, output, no_nodes, slides) for output in listed])
+        column_rows = np.vstack(
+            [output_rows(model, output, {"q": no_nodes, "slides": slides}) for output in listed]
+        )
         rows = zip(self.node_rows, column_rows, strict=True)
         self.rows = np.array([about.unknown_forces(*parts) for parts in rows])

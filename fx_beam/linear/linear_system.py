@@ -19,11 +19,11 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.inputs import InputSignal, check_names, widths
+from fx_beam.scene.measured import Measured
 from fx_beam.scene.outputs import (
     OF_JOINTS,
     OF_LINES,
     OF_NODES,
-    Measured,
     Output,
     check_differentiable,
     check_outputs,
@@ -31,7 +31,7 @@ from fx_beam.scene.outputs import (
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 
-from .linearisation import motion_rows, sized, split
+from .linearisation import output_rows, sized, split
 from .moving_state import Deviations, deviations, forces_inside
 from .reading import Reading
 
@@ -516,7 +516,17 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[
 
 
 def _rows(about: Deviations, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-    places = (about.T, about.S), (about.dT, about.dS)
-    moved, rates = (motion_rows(about.model, measured, *matrices) for matrices in places)
-    # The rate of a position T z is T z' + T' z.
-    return (rates, moved) if measured.quantity.of == "v" else (moved, 0 * moved)
+    """Rows by z and by z': places are T z, and rates T z' + T' z."""
+    state, T, S, dT, dS = about.state, about.T, about.S, about.dT, about.dS
+    rates = about.T @ about.rates
+    arrays = {"q": state.q, "v": rates, "slides": state.slides, "X": about.model.mesh.X.ravel()}
+
+    def read(array: str, entries: np.ndarray) -> np.ndarray:
+        return arrays[array][entries]
+
+    by_place = {"q": T, "v": dT, "slides": S, "rates of slides": dS}
+    by_rate = {"v": T, "rates of slides": S}
+    moved, moving = (
+        output_rows(about.model, measured, matrices, read) for matrices in (by_place, by_rate)
+    )
+    return moved, moving

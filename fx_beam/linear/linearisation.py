@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -23,7 +23,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.inputs import values_of, widths, with_values
-from fx_beam.scene.outputs import Measured
+from fx_beam.scene.measured import Measured, Read, Slope
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
@@ -246,18 +246,27 @@ def split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndar
     return sized(positive), sized(zero)
 
 
-def motion_rows(
-    model: Model, measured: Measured, T: scipy.sparse.csr_matrix, S: scipy.sparse.csr_matrix
+def output_rows(
+    model: Model,
+    measured: Measured,
+    matrices: Mapping[str, scipy.sparse.csr_matrix],
+    read: Read | None = None,
 ) -> np.ndarray:
-    """Rows (components, n) of an output of places, of motions T z of nodes and S z of columns."""
-    if measured.sliding or measured.quantity.of == "slides":
-        return S[[model.couplings.slides[measured.place.number]]].toarray()
-    nothing = np.zeros((1, T.shape[1]))
+    """Rows (components, n) of an output for changes of arrays: a matrix by the name of each.
 
-    def read(array: str, entries: Any) -> np.ndarray:
-        return nothing if array == "X" else T[np.atleast_1d(entries)].toarray()
-
-    return measured.values(read)
+    That of the slides has the columns of the model. Other arrays stay, and so do all numbers.
+    """
+    if measured.sliding:
+        slopes = [Slope("rates of slides", np.array([measured.place.number]), np.ones((1, 1, 1)))]
+    else:
+        slopes = [*measured.slopes(read)]
+    rows = np.zeros((*(measured.shape or (1,)), next(iter(matrices.values())).shape[1]))
+    for array, entries, values in slopes:
+        if (matrix := matrices.get(array)) is not None:
+            if "slides" in array:
+                entries = [model.couplings.slides[number] for number in entries.tolist()]
+            rows += values[0] @ matrix[entries].toarray()
+    return rows
 
 
 def linearised(

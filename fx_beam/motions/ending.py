@@ -11,7 +11,8 @@ import numpy as np
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import State
-from fx_beam.step.recorder import NullRecorder, Recorder
+from fx_beam.scene.outputs import is_section_force
+from fx_beam.step.recorder import NullRecorder, Recorder, Rows
 
 from .mark import Mark
 from .measurement import Instant, fitted_value, readings
@@ -55,7 +56,11 @@ class Ending:
         self._ahead = prepared.options.dt or 1e-3 * (prepared.options.t_end - start.t)
         #: What outputs are read from: the last state, and where its step starts and ends.
         self._step: tuple[State, Instant | None, Instant | None] = start, None, None
-        self._readings = readings(prepared, self._value, prepared.options.outputs or {})
+        outputs, record = prepared.options.outputs or {}, prepared.options.record
+        every = record.every == 1 and record.motion and record.rates
+        self._readings = readings(prepared, self._value, outputs, self._last_row if every else None)
+        #: Whether outputs read the rows of trial steps.
+        self._reads_rows = any(map(is_section_force, outputs.values()))
         self._start_before: _Start | None = None
         #: Length of the last step [s]; zero before the first one.
         self._length = 0.0
@@ -161,7 +166,11 @@ class Ending:
     def _at(self, name: str, start: _Start, t: float) -> float:
         """Value of a condition after a step from a start to a time [s], which is not recorded."""
         self._return_to(start)
-        end = self._stepper.advance(start.state, np.array([t]), 1, NullRecorder())
+        recorder: Rows = self._recorder if self._reads_rows else NullRecorder()
+        number, ends = self._stepper.stats.steps + 1, np.array([t])
+        if isinstance(recorder, Recorder):
+            recorder.plan(number, ends, last=False)
+        end = self._stepper.advance(start.state, ends, number, recorder)
         return self._values_after(start.state, end, [name])[name]
 
     def _values_after(
@@ -204,6 +213,9 @@ class Ending:
     def _value(self, name: str) -> Any:
         state, *instants = self._step
         return fitted_value(name, partial(getattr, state), *instants)
+
+    def _last_row(self) -> tuple[Any, Recorder, np.ndarray]:
+        return self._step, self._recorder, self._value("a")
 
     def _mark(self) -> _Start:
         stepper, recorder = self._stepper, self._recorder

@@ -12,8 +12,8 @@ from fx_beam.content_cache import cached_property
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.results.state import State
-from fx_beam.scene.joints import NodalMotion
-from fx_beam.scene.outputs import Measured, Output, is_section_force
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import Output, is_section_force
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import driven_increments
@@ -116,8 +116,8 @@ def readings(
         if last_row is None:
             raise SceneError(
                 f"the output {name!r}, {output}, is a section force, which follows from a step "
-                "that is recorded, not from a state: give Motion record=fb.Record(). Conditions of "
-                "`until` may take reactions, or forces of joints"
+                "that is recorded, not from a state: give Motion record=fb.Record(), and in `until` "
+                "a record of all steps with motion and rates"
             )
     section_readings: dict[str, Reading] = {}
     if sections and last_row is not None:
@@ -138,29 +138,26 @@ def _reading(model: Model, array_of: Arrays, turns: np.ndarray, measured: Measur
         return _energy_reading(model, array_of, measured)
     if measured.contact is not None:
         return _contact_reading(model, array_of, measured)
-    dofs, X = model.mesh.dofs, model.mesh.X.reshape(-1)
-    motion = NodalMotion(
-        lambda name, node: array_of(name)[dofs[node.number]].tolist(),
-        lambda name, beam: array_of(name)[dofs[model.mesh.nodes_of(model.scene, beam)]][None],
-    )
-    turning_terms = measured.terms if measured.quantity.of == "q" else []
-    turning = any(np.all(np.asarray(term.entries) % 3 == 2) for term in turning_terms)
-    turning = turning and not measured.quantity.is_place
+    X, is_single = model.mesh.X.reshape(-1), not measured.shape
+    turning = any(name == "q" and (entries % 3 == 2).any() for name, entries in measured.needs)
 
-    def read_now(array: str, entries: Any) -> Any:
+    def read_now(array: str, entries: np.ndarray) -> Any:
         if array == "X":
             return X[entries]
         if (columns := model.force_columns.get(array)) is None:
             values = array_of(array)
         elif (values := array_of("constraint_forces")) is not None:
             values = np.append(values, 0.0)[columns]
-        return 0.0 * entries if values is None else values.reshape(-1)[entries]
+        if values is None:
+            return np.zeros(len(entries))
+        now = values.reshape(-1)[entries]
+        return now + turns[entries] if turning and array == "q" else now
 
     def read() -> Any:
-        value = measured.values(read_now, motion)
-        return value + measured.values(lambda _, entries: turns[entries]) if turning else value
+        value = measured.values(read_now)
+        return float(value) if is_single else value
 
-    return read if measured.shape else lambda: float(np.asarray(read()).item())
+    return read
 
 
 def _energy_reading(model: Model, array_of: Arrays, measured: Measured) -> Reading:
@@ -168,7 +165,7 @@ def _energy_reading(model: Model, array_of: Arrays, measured: Measured) -> Readi
     from fx_beam.fem.point_values import PointValues
     from fx_beam.laws.interval import StepBatch
 
-    values = PointValues(model.points, measured.law_quantity, measured.terms[0].entries)
+    values = PointValues(model.points, measured.law_quantity, measured.place.number)
 
     def read() -> float:
         arrays = {name: array_of(name) for name in ("spring_internal", "parameters")}

@@ -23,8 +23,6 @@ OF_OUTPUTS = {
     "forces of columns",
     "forces of joints",
     "forces of lines",
-    "axes of slides",
-    "offsets of slides",
     "driven rates",
     "parameters at the start",
     "amplitudes of the load",
@@ -62,9 +60,9 @@ def numbers_in_steps(
 def observed_numbers_of(
     model: Model, data: Data, state: State, times: np.ndarray, lengths: np.ndarray, at_start: bool
 ) -> dict[str, MaybeDual]:
-    """Numbers that only outputs read: axes of joints, and rates of driven motions.
+    """Numbers that only outputs read: rates of driven motions.
 
-    These rates are at `times` (n,), by steps of the `lengths` (n,) that end there [s]. With
+    They are at `times` (n,), by steps of the `lengths` (n,) that end there [s]. With
     `at_start` also accelerations and forces at the start.
     """
     sizes = once(model, sizes_of)
@@ -76,13 +74,6 @@ def observed_numbers_of(
         observed["forces of joints"] = _or_zeros(state.joint_forces, (joints, 3))
         if state.line_forces is None:
             observed["forces of lines"] = np.zeros(sizes["lines"])
-    axes: list[Any] = [(0.0, 0.0)] * joints
-    offsets = axes[:]
-    for joint in data.scene.joints:
-        if joint.axis is not None:
-            axes[joint.number], offsets[joint.number] = joint.axis, joint.offset
-    for name, rows in (("axes of slides", axes), ("offsets of slides", offsets)):
-        observed[name] = dual_array(rows).reshape(-1, 2)
     if model.fits_rates:
         rates = Forcing(model, data).end_rates(times, lengths)
         if state.driven_rates is not None:  # those at the start are of the motion before

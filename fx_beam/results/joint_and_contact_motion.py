@@ -15,7 +15,8 @@ from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint, NodalMotion
 from fx_beam.scene.law import Energy
-from fx_beam.scene.outputs import line_vectors
+from fx_beam.scene.measured import wraps
+from fx_beam.scene.outputs import Output
 from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
 
@@ -34,6 +35,10 @@ class _PartMotion:
     def __repr__(self):
         part = getattr(self, fields(self)[1].name)
         return f"<{part} over {len(self.solution.t)} rows>"
+
+    def _value(self, quantity: str) -> np.ndarray:
+        """A quantity of the part as an output."""
+        return self.solution.value(Output(quantity, getattr(self, fields(self)[1].name)))
 
     def _mean_force(self, force: np.ndarray) -> np.ndarray:
         """Forces (steps,) in the middle of steps, from those (n,) at the level of the scheme."""
@@ -83,7 +88,7 @@ class JointMotion(_PartMotion):
 
         Of a node that slides on a beam: relative to the beam where it is.
         """
-        return self.joint.kinematics.angle(*self._motion)
+        return self._value("angle")
 
     @property
     def slide(self) -> np.ndarray:
@@ -92,7 +97,7 @@ class JointMotion(_PartMotion):
         Of a node that slides on a beam: its arc length from the start of the beam.
         """
         self._check(self.joint.slide is not None, "slide")
-        return self.solution.slides[:, self.joint.number]
+        return self._value("slide")
 
     @property
     def spin(self) -> np.ndarray:
@@ -100,12 +105,12 @@ class JointMotion(_PartMotion):
 
         By the mid-point rule it is a mean over a step where free nodes have no rotary inertia.
         """
-        return self.joint.kinematics.spin(*self._motion)
+        return self._value("spin")
 
     @property
     def rate(self) -> np.ndarray:
         """Rate (n,) of the slide [m/s] if the joint has one, else of the angle [rad/s]."""
-        return self.joint.kinematics.rate(*self._motion)
+        return self._value("rate")
 
     @property
     def force(self) -> np.ndarray:
@@ -113,12 +118,12 @@ class JointMotion(_PartMotion):
 
         Springs, dampers and motors are included.
         """
-        return self.solution.recorded("joint_forces")[:, self.joint.number]
+        return self._value("force")
 
     @property
     def motor_force(self) -> np.ndarray:
         """Force (n,) [N] of the motor or lock, or its moment [N m] on b, at `t_level`."""
-        forces = self.solution.recorded("motor_forces")[:, self.joint.number]
+        forces = self._value("motor_force")
         self._check(bool(self.joint.driven or forces.any()), "motor")  # a latch may have locked it
         return forces
 
@@ -222,7 +227,7 @@ class PullMotion(_PartMotion):
         spring to the ground the force, or moment [N m], against an increase of `length`; of a bed
         that on all of the beam.
         """
-        return self.solution.recorded("line_forces")[:, self.line.number]
+        return self._value("force")
 
     @property
     def length(self) -> np.ndarray:
@@ -232,9 +237,7 @@ class PullMotion(_PartMotion):
         the ground the displacement along its direction [m], or the rotation [rad]; of a bed those
         (n, nodes) at the nodes of the beam.
         """
-        if self.line.to_ground:
-            return self._to_ground("q")
-        return self.line.state(*line_vectors(self.line, self._read, "q"))[0]
+        return self._of_bed("q") if self._is_bed else self._value("length")
 
     @property
     def wrap(self) -> np.ndarray:
@@ -243,32 +246,26 @@ class PullMotion(_PartMotion):
         Negative where the rope has left a pulley, which the model does not know: its length is then
         that of a rope that is held there. Of a drum the angle since the start.
         """
-        return self.line.state(*line_vectors(self.line, self._read, "q"))[1].T
+        if not self.line.kinds:
+            return np.zeros((len(self.solution.t), len(self.line.points)))
+        rows = self.solution.recorded("q").reshape(len(self.solution.t), -1)
+        return wraps(self.line, lambda _, entries: rows[:, entries])
 
-    def _to_ground(self, name: str) -> np.ndarray:
-        """Displacements ("q") or rates ("v") along a spring to the ground; (n, nodes) of a bed."""
-        solution, line = self.solution, cast(Any, self.line)
-        nodes = nodes_of(solution.nodes_of_beam, line.target)
-        moved = solution.recorded(name).reshape(len(solution.t), -1, 3)[:, nodes]
-        if line.direction is None:
-            return moved[:, 0, 2]
-        distances = np.sum(moved[..., :2] * line.ways(solution.X[nodes]), axis=-1)
-        return distances if isinstance(line.target, Beam) else distances[:, 0]
+    @property
+    def _is_bed(self) -> bool:
+        return self.line.to_ground and isinstance(cast(Any, self.line).target, Beam)
+
+    def _of_bed(self, name: str) -> np.ndarray:
+        """Displacements ("q") or rates ("v") along a bed (n, nodes)."""
+        solution, bed = self.solution, cast(Any, self.line)
+        nodes = nodes_of(solution.nodes_of_beam, bed.target)
+        moved = solution.recorded(name)[:, nodes, :2]
+        return np.sum(moved * bed.ways(solution.X[nodes]), axis=-1)
 
     @property
     def rate(self) -> np.ndarray:
         """Rate (n,) of the length [m/s or rad/s] at t[k]; of a bed (n, nodes)."""
-        if self.line.to_ground:
-            return self._to_ground("v")
-        vectors, _ = line_vectors(self.line, self._read, "q")
-        return self.line.rate(vectors, *line_vectors(self.line, self._read, "v"))
-
-    def _read(self, array: str, entries: int | np.ndarray) -> np.ndarray:
-        """Entries (n, ...) of a history, or of the positions "X"."""
-        solution = self.solution
-        if array == "X":
-            return solution.X.reshape(-1)[entries]
-        return solution.recorded(array).reshape(len(solution.t), -1)[:, entries]
+        return self._of_bed("v") if self._is_bed else self._value("rate")
 
     @property
     def power(self) -> np.ndarray:
@@ -350,7 +347,7 @@ class GearMotion(_PartMotion):
 
         On b of `joint_a` it is that times -ratio. Of a rack the force [N] on b along the slide.
         """
-        return self.solution.recorded("joint_forces")[:, self.gear.number, self.gear.column]
+        return self._value("force")
 
     @property
     def difference(self) -> np.ndarray:

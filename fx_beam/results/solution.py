@@ -19,7 +19,9 @@ from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
-from fx_beam.scene.outputs import Measured, Output, is_gear
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import Output, is_gear, is_section_force, quantity_of
+from fx_beam.scene.scene import Scene
 
 from .records import BeamResultants, Energy, Stats, facts, known_resultants, read_only
 from .state import HISTORIES, State
@@ -297,6 +299,11 @@ class Solution:
                 return read_only(rows)
         return self.recorded(name)[:, number]
 
+    def _at_node(self, quantity: str, node: Node) -> np.ndarray:
+        """An output of a node of this solution."""
+        _node_number(self, node)
+        return self.value(Output(quantity, node))
+
     # -- Motion of a node -----------------------------------------------------------------------
 
     def position(self, node: Node) -> np.ndarray:
@@ -312,7 +319,7 @@ class Solution:
         (n, 2) float
             Position [m].
         """
-        return self.X[_node_number(self, node)] + self.displacement(node)
+        return self._at_node("position", node)
 
     def displacement(self, node: Node) -> np.ndarray:
         """Displacement of a node over time.
@@ -327,7 +334,7 @@ class Solution:
         (n, 2) float
             Displacement from the reference position [m].
         """
-        return self._of_node("q", _node_number(self, node))[:, :2]
+        return self._at_node("displacement", node)
 
     def rotation(self, node: Node) -> np.ndarray:
         """Rotation of a node over time.
@@ -342,7 +349,7 @@ class Solution:
         (n,) float
             Section rotation from the reference configuration, not wrapped [rad].
         """
-        return self._of_node("q", _node_number(self, node))[:, 2]
+        return self._at_node("rotation", node)
 
     def velocity(self, node: Node) -> np.ndarray:
         """Velocity of a node over time.
@@ -357,7 +364,7 @@ class Solution:
         (n, 2) float
             Velocity at t[k] [m/s].
         """
-        return self._of_node("v", _node_number(self, node))[:, :2]
+        return self._at_node("velocity", node)
 
     def spin(self, node: Node) -> np.ndarray:
         """Spin of a node over time.
@@ -372,7 +379,7 @@ class Solution:
         (n,) float
             Rate of the section rotation at t[k] [rad/s].
         """
-        return self._of_node("v", _node_number(self, node))[:, 2]
+        return self._at_node("spin", node)
 
     def acceleration(self, node: Node) -> np.ndarray:
         """Acceleration of a node over time.
@@ -389,7 +396,7 @@ class Solution:
             `t_level[k]`; for `Newmark` the value at t[k], for `HHT` and `GeneralizedAlpha` that at
             t[k] + (alpha_m - alpha_f) dt, after their start. Row 0 is the start.
         """
-        return self._of_node("a", _node_number(self, node))[:, :2]
+        return self._at_node("acceleration", node)
 
     def reaction(self, node: Node) -> np.ndarray:
         """Force and moment of the supports on a node over time.
@@ -404,7 +411,7 @@ class Solution:
         (n, 3) float
             Force [N] and moment [N m] at `t_level[k]`; zero for components without support.
         """
-        return self.recorded("reactions")[:, _node_number(self, node)]
+        return self._at_node("reaction", node)
 
     # -- Joints ---------------------------------------------------------------------------------
 
@@ -605,6 +612,56 @@ class Solution:
 
         return internal_variable(self, known, variable, f"beam {name!r}")
 
+    def value(self, output: Output) -> np.ndarray:
+        """An output over time, as `Motion` gives it at each step.
+
+        Parameters
+        ----------
+        output : Output
+            A quantity of a node, a place, a joint, a rope or a contact, a beam or the scene.
+
+        Returns
+        -------
+        (n, ...) float
+            Its values at t, of forces at `t_level`.
+
+        Examples
+        --------
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene(gravity=(0, -9.81))
+        >>> ball = scene.add_body((0, 1), mass=1.0, inertia=0.1).centre
+        >>> fall = fb.simulate(scene, dt=0.1, t_end=0.2)
+        >>> fall.value(fb.Output("velocity", ball, "y")).round(3)
+        array([ 0.   , -0.981, -1.962])
+        """
+        place: Any = output.of
+        if isinstance(place, Scene):
+            return getattr(self.energy, quantity_of(output).of)
+        if isinstance(place, Beam):
+            return getattr(self.resultants(place), output.quantity)
+        if is_section_force(output):
+            return getattr(self.resultants(place.beam).at(place.s), output.quantity)[:, 0]
+        measured = Measured(output, lambda beam: self.nodes_of_beam[beam.name])
+        if measured.contact:
+            contact = self.contact(place)
+            if output.quantity == "gap":
+                return contact.gap.min(axis=1)
+            return contact.force.sum(axis=1)[..., measured.component]
+        if measured.law_quantity == "energy":
+            return self.joint(place).energy
+        return measured.values(self._read)
+
+    def _read(self, array: str, entries: np.ndarray) -> np.ndarray:
+        """Entries (n, e) of a history, or (e,) of the positions "X"."""
+        if array == "X":
+            return self.X.reshape(-1)[entries]
+        if array in ("q", "v", "a") and len(entries) < 4:
+            number = int(entries[0]) // 3
+            if (entries // 3 == number).all():
+                return self._of_node(array, number)[:, entries - 3 * number]
+        rows = self.recorded(array)
+        return rows.reshape(len(rows), -1)[:, entries]
+
     # -- Files and tables -----------------------------------------------------------------------
 
     if TYPE_CHECKING:
@@ -645,31 +702,6 @@ class Solution:
 def _balance(solution: Solution, balance: Callable[[], Any]) -> Any:
     """The balance of a beam, with the solution as long as it is not known."""
     return balance()
-
-
-def history(solution: Solution, output: Output) -> np.ndarray:
-    """Values (n, ...) of an output of a node, a joint or a line."""
-    measured = Measured(output)
-    if contact := measured.contact:
-        motion = solution.contact(contact)
-        if output.quantity == "gap":
-            return motion.gap.min(axis=1)
-        return motion.force.sum(axis=1)[..., measured.component]
-    if isinstance(output.of, ForceBetween):
-        return getattr(solution.joint(output.of), output.quantity)
-
-    def read(array: str, entries: Any) -> np.ndarray:
-        if array == "X":
-            return solution.X.reshape(-1)[entries]
-        if array not in ("q", "v", "a"):
-            rows = solution.recorded(array)
-            return rows.reshape(len(rows), -1)[:, entries]
-        number = np.ravel(entries)[0] // 3
-        return solution._of_node(array, number)[:, entries - 3 * number]
-
-    from .joint_and_contact_motion import motion_of
-
-    return measured.values(read, motion_of(solution))
 
 
 def _node_number(solution, node: Node) -> int:

@@ -298,14 +298,16 @@ def checked_degree(degree: int, beams: Sequence[Beam], name: str) -> int:
     return int(degree)
 
 
-def numbers_of_nodes(place: BeamPlace) -> list[int]:
-    """Numbers (degree + 1,) of the nodes of a place's element; inner ones are behind all others."""
-    beam, (element, _), inner = place.beam, place.element, place.beam.degree - 1
+def numbers_along(beam: Beam) -> np.ndarray:
+    """Numbers (n,) of all nodes of a beam in order; inner ones are behind all others of the scene."""
     scene: Any = beam.nodes[0].scene
-    elements_before = sum(other.elements for other in scene.beams[: scene.beams.index(beam)])
-    first = len(scene.nodes) + (elements_before + element) * inner
-    start, end = (node.number for node in beam.nodes[element : element + 2])
-    return [start, *range(first, first + inner), end]
+    before, inner = scene.beams[: scene.beams.index(beam)], beam.degree - 1
+    first = len(scene.nodes) + sum(other.elements for other in before) * inner
+    numbers = np.empty(beam.elements * beam.degree + 1, dtype=int)
+    numbers[:: beam.degree] = [node.number for node in beam.nodes]
+    for i in range(inner):
+        numbers[1 + i :: beam.degree] = first + i + inner * np.arange(beam.elements)
+    return numbers
 
 
 class Layout(NamedTuple):

@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -134,43 +134,39 @@ class ForceBetween:
         """
         return ways
 
-    def state(self, vectors: np.ndarray, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Length (rows,) [m] and arcs (points, rows) on circles [rad].
+    @property
+    def geometry(self) -> list[float]:
+        """Numbers of its length: vectors from each point to the next one; of circles more."""
+        return [component for way in self.apart for component in way]
+
+    def vectors(self, numbers: Any, moved: Sequence) -> list[tuple]:
+        """Vectors (x, y) from each point to the next one [m], by their changes since the start."""
+        return [(numbers[2 * i] + x, numbers[2 * i + 1] + y) for i, (x, y) in enumerate(moved)]
+
+    def length(self, numbers: Any, moved: Sequence, turned: Sequence) -> Any:
+        """Length [m]: the sum of distances, or of free spans and arcs.
 
         Parameters
         ----------
-        vectors : (points - 1, 2, rows) float
-            From each point to the next one [m].
-        turned : (2, rows) float
+        numbers : sequence of float
+            Those of `geometry`, which may have slopes.
+        moved : sequence of (x, y)
+            Changes of the vectors from each point to the next one [m]; components (...) may have
+            slopes.
+        turned : (first, last)
             Rotations of drums at both ends [rad].
 
         Returns
         -------
-        length : (rows,) float
-            Sum of the distances, or of free spans and arcs.
-        arcs : (points, rows) float
-            Zero at points without a circle; of drums since the start.
+        (...) float
+            The length.
         """
-        length = np.hypot(vectors[:, 0], vectors[:, 1]).sum(axis=0)
-        return length, np.zeros((len(self.points), vectors.shape[2]))
+        return sum(np.hypot(x, y) for x, y in self.vectors(numbers, moved))
 
-    def rate(self, vectors: np.ndarray, rates: np.ndarray, spins: np.ndarray) -> np.ndarray:
-        """Rate (rows,) of the length [m/s].
-
-        Parameters
-        ----------
-        vectors, rates : (points - 1, 2, rows) float
-            From each point to the next one, and the rates of these vectors.
-        spins : (2, rows) float
-            Spins of drums at both ends [rad/s].
-
-        Returns
-        -------
-        (rows,) float
-            The rate.
-        """
-        stretchings = (vectors * rates).sum(axis=1)
-        return (stretchings / np.hypot(vectors[:, 0], vectors[:, 1])).sum(axis=0)
+    def rate(self, numbers: Any, moved: Sequence, rates: Sequence, spins: Sequence) -> Any:
+        """Rate of the length [m/s], also from the rates of the vectors and the spins of drums."""
+        pairs = zip(self.vectors(numbers, moved), rates, strict=True)
+        return sum((x * vx + y * vy) / np.hypot(x, y) for (x, y), (vx, vy) in pairs)
 
     @property
     def length_at_start(self) -> float:

@@ -1,20 +1,17 @@
-"""Outputs: all quantities in one table, and their values and slopes by the state."""
+"""Outputs: all quantities in one table, and where they may be measured."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from fx_beam.errors import is_one_of, require
 
-from .beam import Beam, BeamPlace, Node, numbers_of_nodes
+from .beam import Beam, BeamPlace, Node
 from .contacts import Contact
 from .forces_between import ForceBetween
-from .functions import Numbers
-from .joints import GROUND, Joint, axial_rate
+from .joints import Joint
 from .loads import check_node
 from .removal import own_joint
 from .scene import Scene
@@ -27,7 +24,7 @@ if TYPE_CHECKING:
 class Quantity(NamedTuple):
     """A quantity that can be measured, for solutions, motions, linear systems and derivatives.
 
-    It is linear in what is recorded, except the rate of a slide.
+    `measured` has it as a function of the state.
     """
 
     components: tuple[str, ...] = ()
@@ -155,12 +152,13 @@ class Output:
         expected = "a node, a place, a joint, a rope, a contact, a scene or a beam"
         require(ok, "Output: of", self.of, expected)
         known = self._known
-        expected = f"one of {list(known)} for {self._place}"
-        require(is_one_of(self.quantity, known), "Output: quantity", self.quantity, expected)
+        if not is_one_of(self.quantity, known):  # texts take time
+            expected = f"one of {list(known)} for {self._place}"
+            require(False, "Output: quantity", self.quantity, expected)
         parts = known[self.quantity].components
-        expected = f"one of {list(parts)}" if parts else "left out: it is a single number"
-        ok = self.component is None or is_one_of(self.component, parts)
-        require(ok, f"Output: component of {self.quantity!r}", self.component, expected)
+        if self.component is not None and not is_one_of(self.component, parts):
+            expected = f"one of {list(parts)}" if parts else "left out: it is a single number"
+            require(False, f"Output: component of {self.quantity!r}", self.component, expected)
 
     def __str__(self):
         return f"{self.quantity}{f'.{self.component}' if self.component else ''} of {self._place}"
@@ -188,130 +186,6 @@ def quantity_of(output: Output) -> Quantity:
     return output._known[output.quantity]
 
 
-class Term(NamedTuple):
-    """Entries of an array that an output reads, one for each component, times a factor.
-
-    Arrays are those of the state, and numbers of the scene, such as the positions "X" of nodes.
-    """
-
-    array: str
-    entries: Any
-    #: A number; of an output that is not linear (n,) of n states.
-    factor: Numbers = 1.0
-
-
-# Arrays with one entry for each joint or rope; others have three for each node or joint.
-_ONE_EACH = "slides", "motor_forces", "line_forces", "line_energies"
-# What forces along lines have by their laws, by the names of arrays.
-_BY_LAW = {"line_forces": "pull", "line_energies": "energy"}
-#: Entries (..., e) of an array by its name.
-Read = Callable[..., np.ndarray]
-_STEP = 1e-100  # in the imaginary direction
-
-
-class Measured:
-    """An output y = h(state, numbers): a sum of entries of arrays, or the rate of a slide.
-
-    This is all that solutions, motions, linear systems and derivatives know of it.
-    """
-
-    def __init__(self, output: Output):
-        place: Any = output.of
-        quantity = quantity_of(output)
-        #: The output, and where it is measured.
-        self.output, self.place = output, place
-        self.name, self.quantity = output.quantity, quantity
-        count, component = len(quantity.components), output.component
-        index = None if component is None else quantity.components.index(component)
-        #: The component, or all of them.
-        self.component = slice(None) if index is None else index
-        #: Lengths of a value; none of a single number.
-        self.shape = (count,) if count and index is None else ()
-        #: The joint, if it is the rate of its slide, which is not linear; else None.
-        self.sliding: Joint | None = place if quantity.is_rate and place.slide is not None else None
-        columns = quantity.column + (np.arange(count) if self.shape else index or 0)
-        self.terms: list[Term] = []
-        if quantity.is_place:
-            self.terms += [Term("X", dof // 3 * 2 + columns, sign) for dof, sign in _ends(place)]
-        #: The contact whose gap or force it is; else None.
-        self.contact: Contact | None = place if isinstance(place, Contact) else None
-        moves = quantity.of in ("q", "v", "a")
-        #: Of a line what its laws have: "pull", "energy", "length" or "rate"; else empty.
-        self.law_quantity = _BY_LAW.get(quantity.of, "")
-        #: The line, if it is its length or the rate of that, which are not linear; else None.
-        self.line: ForceBetween | None = None
-        if moves and isinstance(place, ForceBetween):
-            if place.to_ground:
-                self.terms += _along(place, quantity.of)
-            else:
-                self.line, self.law_quantity = place, self.name
-        elif moves:
-            self.terms += [Term(quantity.of, dof + columns, sign) for dof, sign in _ends(place)]
-        elif isinstance(place, Node | Joint | ForceBetween):  # of a recorded history
-            first = place.number if quantity.of in _ONE_EACH else 3 * place.number
-            self.terms.append(Term(quantity.of, first + columns))
-        elif is_gear(place):
-            self.terms.append(Term(quantity.of, 3 * place.number + place.column))
-
-    def values(self, read: Read, motion=None) -> Any:
-        """Values (..., components) or (...); the rate of a slide also needs the `NodalMotion`."""
-        if self.line is not None:
-            vectors = line_vectors(self.line, read, "q")
-            if self.quantity.of == "q":
-                return self.line.state(*vectors)[0]
-            return self.line.rate(vectors[0], *line_vectors(self.line, read, "v"))
-        if joint := self.sliding:
-            return joint.kinematics.rate(motion, np.atleast_1d(read("slides", joint.number)))
-        return sum(factor * read(array, entries) for array, entries, factor in self.terms)
-
-    def slopes(self, read: Read) -> Iterator[Term]:
-        """Derivatives by all that it reads, in n states; of a rate by imaginary steps."""
-        if (joint := self.sliding) is None:
-            yield from self.terms
-            return
-        ends, number = [*_ends(joint)], joint.number
-        if isinstance(joint, SlidingJoint):
-            yield Term("rates of slides", number)
-            return
-        assert joint.axis is not None  # as only nodes that slide on beams have none
-        # Arguments of `axial_rate`: those of the state are sums.
-        arguments = [
-            [Term("slides", number)],
-            *([Term(name, entry + 2) for entry, sign in ends if sign < 0] for name in ("q", "v")),
-            *([Term("v", entry + i, sign) for entry, sign in ends] for i in (0, 1)),
-        ]
-        none = 0.0 * read("slides", number)
-        values = [
-            sum((factor * read(name, entry) for name, entry, factor in terms), none)
-            for terms in arguments
-        ]
-        values += [float(value) for value in (*joint.offset, *joint.axis)]  # which may have slopes
-        names = "offsets of slides", "axes of slides"
-        arguments += ([Term(name, 2 * number + i)] for name in names for i in (0, 1))
-        for k, terms in enumerate(arguments):
-            x = [value + _STEP * 1j if i == k else value for i, value in enumerate(values)]
-            slopes = np.imag(axial_rate(joint.track, x[5:7], x[7:], *x[:5])) / _STEP
-            for array, entry, factor in terms if slopes.any() else ():
-                yield Term(array, entry, factor * slopes)
-
-
-def line_vectors(line: ForceBetween, read: Read, array: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors (points - 1, 2, rows) along a line, rotations (2, rows) of its ends; or rates "v"."""
-    components: list[Numbers] = []
-    for point in line.points:
-        if not isinstance(point, Node):
-            components += [*point.position] if array == "q" else [0.0, 0.0]
-            continue
-        x, y = (read(array, 3 * point.number + i) for i in (0, 1))
-        X, Y = (read("X", 2 * point.number + i) if array == "q" else 0.0 for i in (0, 1))
-        components += [X + x, Y + y]
-    ends = (line.nodes[0], line.kinds[:1]), (line.nodes[-1], line.kinds[-1:])
-    turns = [read(array, 3 * number + 2) if kind == "D" else 0.0 for number, kind in ends]
-    values = np.array(np.broadcast_arrays(np.zeros(1), *components, *turns))[1:]
-    places = values[:-2].reshape(len(line.points), 2, -1)
-    return np.diff(places, axis=0), values[-2:]
-
-
 def is_section_force(output: object) -> bool:
     """Whether it is an output that follows from the balance of an element."""
     if not isinstance(output, Output) or not isinstance(output.of, BeamPlace):
@@ -322,30 +196,6 @@ def is_section_force(output: object) -> bool:
 def is_gear(place: object) -> bool:
     """Whether it is a gear; its class is not loaded for scenes without any."""
     return hasattr(type(place), "terms")
-
-
-def _along(line, array: str) -> list[Term]:
-    """Terms of the displacement or rotation that a spring to the ground resists, or its rate."""
-    require(
-        isinstance(line.target, Node), "Output: of", str(line), "no bed: take those of its nodes"
-    )
-    first = 3 * line.target.number
-    if line.direction is None:
-        return [Term(array, first + 2)]
-    return [Term(array, first + i, float(way)) for i, way in enumerate(line.direction) if way]
-
-
-def _ends(place: Node | BeamPlace | Joint) -> Iterator[tuple[int, float]]:
-    """Entries of x of nodes, with factors: -1 of a joint's node a, shares of a place's nodes."""
-    if isinstance(place, BeamPlace):
-        shares = place.shares[1].tolist()
-        for number, share in zip(numbers_of_nodes(place), shares, strict=True):
-            yield 3 * number, share
-        return
-    nodes = [place] if isinstance(place, Node) else [place.b, place.a]
-    for node, sign in zip(nodes, (1.0, -1.0), strict=False):
-        if node is not GROUND:
-            yield 3 * node.number, sign
 
 
 def check_differentiable(output: Output, name: str) -> None:

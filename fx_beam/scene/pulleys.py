@@ -6,9 +6,11 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import floats
 from fx_beam.errors import IS_DATA, SceneError, check_fields, is_one_of, real, real_array, require
 
 from .beam import Node
@@ -157,25 +159,50 @@ class RopeOverPulleys(ForceBetween):
         ends = (0, -self.radii[0]), (-1, self.radii[-1])
         return [(self.nodes[i], float(r)) for i, r in ends if self.kinds[i] == "D"]
 
-    def state(self, vectors: np.ndarray, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Length (rows,) [m] and arcs (n, rows) on circles [rad], of drums since the start."""
-        spans, leans = self.spans(vectors)
-        z, Z = vectors[:, 0] + 1j * vectors[:, 1], self.apart[:, 0] + 1j * self.apart[:, 1]
-        turned_ways = z * np.conj(Z)[:, None]
-        arcs = np.zeros((len(self.points), vectors.shape[2]))
-        arcs[1:-1] = np.angle(turned_ways[1:] * np.conj(turned_ways[:-1])) + leans[1:] - leans[:-1]
-        arcs[0] = np.angle(turned_ways[0]) + leans[0] - turned[0]
-        arcs[-1] = turned[1] - np.angle(turned_ways[-1]) - leans[-1]
-        arcs += np.asarray(self.turns, dtype=float)[:, None]
-        return spans.sum(axis=0) + self.radii @ arcs, arcs * np.sign(self.radii)[:, None]
+    @property
+    def geometry(self) -> list[float]:
+        """Ways between centres, then radii (n,) and arcs (n,) at the start."""
+        return [*super().geometry, *self.radii, *self.turns]
 
-    def rate(self, vectors: np.ndarray, rates: np.ndarray, spins: np.ndarray) -> np.ndarray:
-        """Rate (rows,) of the length [m/s]."""
-        _, leans = self.spans(vectors)
-        far, c, s = np.hypot(vectors[:, 0], vectors[:, 1]), np.cos(leans), np.sin(leans)
-        x, y = vectors[:, 0] / far, vectors[:, 1] / far
-        stretchings = (c * x - s * y) * rates[:, 0] + (s * x + c * y) * rates[:, 1]
-        return stretchings.sum(axis=0) - self.radii[0] * spins[0] + self.radii[-1] * spins[1]
+    def _circles(self, numbers: Any) -> tuple[Any, Any, Any]:
+        """Radii (n,), their steps (n - 1,) and arcs (n,) at the start, of numbers."""
+        n = len(self.points)
+        radii, turns = numbers[-2 * n : -n], numbers[-n:]
+        return radii, radii[:-1] - radii[1:], turns
+
+    def arcs(self, numbers: Any, moved: Sequence, turned: Sequence) -> list:
+        """Angles (n,) about each centre to the left, of drums since the start [rad]."""
+        _, steps, turns = self._circles(numbers)
+        angles, leans = [], []
+        for i, (x, y) in enumerate(self.vectors(numbers, moved)):
+            X, Y = numbers[2 * i], numbers[2 * i + 1]
+            angles.append(np.arctan2(X * y - Y * x, X * x + Y * y))
+            leans.append(np.arcsin(steps[i] / np.hypot(x, y)))
+        arcs = [angles[0] + leans[0] - turned[0]]
+        for i, (old, new) in enumerate(itertools.pairwise(angles)):
+            turn = new - old
+            turn = turn - 2 * np.pi * np.round(floats(turn) / (2 * np.pi))
+            arcs.append(turn + leans[i + 1] - leans[i])
+        arcs.append(turned[1] - angles[-1] - leans[-1])
+        return [arc + turns[i] for i, arc in enumerate(arcs)]
+
+    def length(self, numbers: Any, moved: Sequence, turned: Sequence) -> Any:
+        """Sum of free spans and arcs [m]."""
+        radii, steps, _ = self._circles(numbers)
+        ways = zip(self.vectors(numbers, moved), steps, strict=True)
+        arcs = enumerate(self.arcs(numbers, moved, turned))
+        spans = sum(np.sqrt(x * x + y * y - step * step) for (x, y), step in ways)
+        return spans + sum(radii[i] * arc for i, arc in arcs if self.radii[i])
+
+    def rate(self, numbers: Any, moved: Sequence, rates: Sequence, spins: Sequence) -> Any:
+        """Rate of the length [m/s]."""
+        radii, steps, _ = self._circles(numbers)
+        total = radii[-1] * spins[1] - radii[0] * spins[0]
+        for (x, y), (vx, vy), step in zip(self.vectors(numbers, moved), rates, steps, strict=True):
+            square = x * x + y * y
+            span = np.sqrt(square - step * step)
+            total = total + ((span * x - step * y) * vx + (step * x + span * y) * vy) / square
+        return total
 
     def outline(self, centres: np.ndarray) -> np.ndarray:
         """Points (..., m, 2) along the rope for centres (n, ..., 2)."""
