@@ -84,6 +84,7 @@ def no_libraries(monkeypatch, tmp_path):
     # tests before, also where their garbage is collected late.
     gc.collect()
     monkeypatch.setattr(set_ups.RECENT, "_waiting", [])
+    monkeypatch.setattr(set_ups.PROGRAMS, "_known", [])
     yield
 
 

@@ -30,6 +30,13 @@ class JointMaps:
         self._entries = joints.couplings.all_entries
         self._maps: dict[Any, Any] = {}
 
+    def of(self, joints: JointsInC, compiled_points: CompiledPoints) -> JointMaps:
+        """The same of other joints."""
+        other = object.__new__(JointMaps)
+        other.__dict__.update(self.__dict__)
+        other._joints, other._compiled_points, other._maps = joints, compiled_points, {}
+        return other
+
     def forget(self) -> None:
         """Take another configuration."""
         self._maps = {}

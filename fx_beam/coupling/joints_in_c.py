@@ -105,6 +105,24 @@ class JointsInC:
             "gears": {} if self.loops is None else self.loops.gear_members(self.gears),
         }
 
+    @property
+    def memory(self) -> tuple[list, list[np.ndarray]]:
+        """Structs and arrays that change, for a `BlockPlan`."""
+        structs, arrays = [], [self.arms, self.gears]
+        if not self.couplings.is_selection:
+            own_structs, own_arrays = self.configuration.memory
+            structs, arrays = structs + own_structs, arrays + own_arrays
+        return structs, arrays
+
+    def of(self, block: Any) -> JointsInC:
+        """The same in a block."""
+        other = object.__new__(JointsInC)
+        other.__dict__.update(self.__dict__)
+        other.arms, other.gears = block.view(self.arms), block.view(self.gears)
+        if "configuration" in self.__dict__:
+            other.__dict__["configuration"] = self.configuration.of(block)
+        return other
+
     @cached_property
     def configuration(self) -> Configuration:
         """Joints in C."""
@@ -155,6 +173,7 @@ class Configuration:
         self._structs.set(self._c, **members, points=[{}], state=state)
         scratch = np.zeros(self._library.fx_scratch(self._c))
         self._structs.set(self._c, run={"scratch": scratch})
+        self._scratch = scratch
         results, array = self._library.fx_results(self._c), functools.partial(array_at, ffi)
         values = 1 + 4 * members["joints"]["count"] + members["gears"].get("count", 0)
         closures = members["loops"].get("closures", 0)
@@ -163,6 +182,25 @@ class Configuration:
         self.values = array(results.values, values), array(results.virtual_map, values)
         self.closure = array(results.closure, closures)
         self.following = array(self._c.loops.following, closures)
+
+    @property
+    def memory(self) -> tuple[list, list[np.ndarray]]:
+        """Structs and arrays that change, for a `BlockPlan`."""
+        structs, count = [self._c], len(self._slides)
+        if count:
+            structs.append(self._ffi.cast(f"Slider(*)[{count}]", self._c.sliders.slider)[0])
+        return structs, [*self._state, self._scratch, self.following]
+
+    def of(self, block: Any) -> Configuration:
+        """The same in a block."""
+        other = object.__new__(Configuration)
+        other.__dict__.update(self.__dict__)
+        other._c = block.struct(self._ffi, self._c)
+        other._state = tuple(map(block.view, self._state))
+        other.D, other.z = block.view(self.D), block.view(self.z)
+        other.values = tuple(map(block.view, self.values))
+        other.closure, other.following = block.view(self.closure), block.view(self.following)
+        return other
 
     def begin(self, q: np.ndarray, slides: np.ndarray) -> bool:
         """Set the start: displacements and rotations, and slides; False in a singular position."""

@@ -65,6 +65,16 @@ class Reduction:
         #: Small changes at the last configuration.
         self.maps = JointMaps(self.joints, compiled_points)
 
+    def of(self, compiled_points: CompiledPoints, block: Any) -> Reduction:
+        """The same in a block."""
+        self.tangent  # noqa: B018  # one table for all
+        other = object.__new__(Reduction)
+        other.__dict__.update(self.__dict__)
+        other._compiled_points, other.singularity = compiled_points, ""
+        other.joints = self.joints.of(block)
+        other.maps = self.maps.of(other.joints, compiled_points)
+        return other
+
     @cached_property
     def tangent(self) -> ReducedTangent:
         """How the reduced tangent is made of the full one."""

@@ -85,7 +85,8 @@ class StaticDerivatives:
         if not path.from_rest:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
-        problem = Problem(model, ProblemKind())
+        make = Problem if model.program is None else Problem.of
+        problem = make(model, ProblemKind())
         holding_forces = path.held if path.from_rest else 0 * path.held
         if holding_forces.any():
             columns, dofs, _, _ = model.couplings.free_columns

@@ -218,6 +218,21 @@ class BeamData:
         for name, values in numbers.items():
             self.named[name].array[:] = floats(values).ravel()
 
+    def of(
+        self, mesh: Mesh, parameters: ParameterValues, numbers: Mapping[str, MaybeDual]
+    ) -> BeamData:
+        """Those of another scene."""
+        other = object.__new__(BeamData)
+        other.__dict__.update(self.__dict__)
+        other.mesh, other._parameters = mesh, parameters
+        other.named = named = dict(self.named)
+        for name in (*CONSTANTS, "parameters"):
+            named[name] = self.named[name].copy()
+        for name in numbers:
+            named[name] = Field(self.named[name].space)
+        other.bind(numbers)
+        return other
+
     @property
     def spaces(self) -> dict[str, Space]:
         """Spaces of fields, and of numbers by which derivatives are taken, by name."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -82,9 +82,11 @@ class BeamForms:
             parameters.check_constant(parameter.name, f"{scheme.name}: damping")
         parameters.add_energies(facts.energy_names)
         #: What they read.
-        self.data = BeamData(scene, mesh, self.kind, facts, numbers, tags, parameters)
+        self.data: BeamData = BeamData(scene, mesh, self.kind, facts, numbers, tags, parameters)
         #: Forms of a step on the mesh by name.
-        self.bound = self._placed(step)
+        self.bound: dict[str, Term] = self._placed(step)
+        #: Names of these.
+        self.names = [*self.bound]
         self._terms: dict[tuple[str, ...], dict[str, Term]] = {}
         #: Names of the forms of forces.
         self.forces = ["internal forces"] + ["drag"] * ("drag" in self.bound)
@@ -96,6 +98,29 @@ class BeamForms:
         self.dissipate = bool(self.losses)
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = len(tags), self.kind.degree, facts.width
+
+    def of(
+        self, mesh: Mesh, parameters: ParameterValues, numbers: Mapping[str, MaybeDual]
+    ) -> BeamForms:
+        """Those of another scene; what Python evaluates is made when it is first asked for."""
+        other = object.__new__(BeamForms)
+        other.__dict__.update(self.__dict__)
+        for name in ("data", "bound"):
+            other.__dict__.pop(name, None)
+        other._terms = {}
+        other._later = self.data, mesh, parameters, numbers
+        return other
+
+    def __getattr__(self, name: str):
+        if name == "data":
+            first, *others = self.__dict__["_later"]
+            value: Any = first.of(*others)
+        elif name == "bound":
+            value = self._placed(self._compiled())
+        else:
+            raise AttributeError(name)
+        self.__dict__[name] = value
+        return value
 
     def _compiled(self) -> FormModule:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -34,9 +35,11 @@ class CompiledPoints:
         self._doubles = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         self._integers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
         self._structs, laws = Structs(ffi), [placed.law for placed in points.placed]
-        self._all = ffi.new("PointForces *")
+        self._all, self._ffi = ffi.new("PointForces *"), ffi
+        self._probe = np.zeros(max((law.size + 2 * law.law.size for law in laws), default=1))
         members = points.members and int(ffi.cast("uintptr_t", points.members.c))
         following = sum(placed.force.load.joint >= 0 for placed in points.placed)
+        self._followed = np.zeros(self._c.FIXED_POINT_ROWS * following)
         self._structs.set(
             self._all,
             contacts=points.first_contacts,
@@ -46,12 +49,46 @@ class CompiledPoints:
             all=len(points.placed),
             of=[placed.members(points.rule.at_rest) for placed in points.placed],
             members=members,
-            probe=np.zeros(max((law.size + 2 * law.law.size for law in laws), default=1)),
-            followed={"size": following, "memory": np.zeros(self._c.FIXED_POINT_ROWS * following)},
+            probe=self._probe,
+            followed={"size": following, "memory": self._followed},
         )
         self._structs.check(self._all)
         #: Address of the C struct PointForces.
         self.address = int(ffi.cast("uintptr_t", self._all))
+
+    @property
+    def memory(self) -> tuple[list, list[np.ndarray]]:
+        """Structs and arrays that change, for a `BlockPlan`."""
+        if not self.points.any:
+            return [], []
+        ffi, forces = self._ffi, self._all
+        count = forces.all
+        structs = [forces]
+        arrays = [self.points.inputs, self._probe, self._followed]
+        if self.points.members is not None:
+            member_structs, member_arrays = self.points.members.memory
+            structs, arrays = structs + member_structs, arrays + member_arrays
+        if count:
+            rows = ffi.cast(ffi.typeof(f"PointForce(*)[{count}]"), forces.of)[0]
+            structs.append(rows)
+            for placed, row in zip(self.points.placed, rows, strict=True):
+                n = 2 * placed.law.law.size + len(placed.law.entries)
+                arrays.append(np.frombuffer(ffi.buffer(row.tangent_at, 8 * n)))
+            results = [placed.results for placed in self.points.placed]
+            arrays.append(results[0].base if results[0].base is not None else results[0])
+        return structs, arrays
+
+    def of(self, points: PointForces, block: Any) -> CompiledPoints:
+        """Those of another scene, in a block."""
+        other = object.__new__(CompiledPoints)
+        other.__dict__.update(self.__dict__)
+        other.points, other._load_increment = points, 0.0
+        if points.any:
+            other._all = block.struct(self._ffi, self._all)
+            other.address = int(self._ffi.cast("uintptr_t", other._all))
+            other.bind()
+        points.parameters.add_reader(other.set_parameters)
+        return other
 
     def bind(self) -> None:
         """Read what forces have besides their numbers."""

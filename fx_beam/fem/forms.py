@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse
 
@@ -115,6 +117,19 @@ class Forms:
         if self.beams is not None:
             self.beams.data.bind(data.beams)
         self.set_load(1.0)
+
+    def of(self, data: FormData, mesh: Mesh, block: Any) -> Forms:
+        """The forces of another scene, whose numbers are in a block."""
+        other = object.__new__(Forms)
+        other.__dict__.update(self.__dict__)
+        other.parameters = parameters = self.parameters.of(data.parameters, block)
+        other.points = self.points.of(data, parameters, mesh, block)
+        other.compiled_points = self.compiled_points.of(other.points, block)
+        parameters.use(parameters.at(0.0))
+        if self.beams is not None:
+            other.beams = self.beams.of(mesh, parameters, data.beams)
+        other.compiled_points.set_load(1.0, 0.0)
+        return other
 
     # -- A step ---------------------------------------------------------------------------------
 

@@ -106,8 +106,8 @@ class Mass:
         #: Names of what is assembled.
         self.assembled: list[str] = []
         # Masses, gravity and positions without slopes, and the numbers that follow from them.
-        self._inputs: tuple[tuple[list, list | None], np.ndarray] | None = None
-        self._numbers: dict[str, MaybeDual] = {}
+        # In one attribute: several threads may ask at the same time.
+        self._last: tuple[tuple[list, list | None], np.ndarray, dict] | None = None
 
     def numbers_of(self, scene: Scene, X: MaybeDual) -> dict[str, MaybeDual]:
         """Entries of the mass, and the weight if there is any, with slopes that the scene has.
@@ -116,15 +116,15 @@ class Mass:
         """
         sections = [beam.section for beam in scene.beams]  # which beams may share in other ways
         pairs = [*[(section.rhoA, section.rhoI) for section in sections], *scene.masses]
-        gravity, last = scene.gravity, self._inputs
+        gravity, last = scene.gravity, self._last
         plain = {type(number) for pair in pairs for number in pair} <= {float, int}
         is_dual = gravity is not None and dual_of(gravity) is not None
         if is_dual or not plain or type(X) is not np.ndarray:
             return self._numbers_of(scene, X)
         inputs = pairs, None if gravity is None else gravity.tolist()
         if not (last and last[0] == inputs and (last[1] is X or all_of(last[1] == X))):
-            self._inputs, self._numbers = (inputs, X), self._numbers_of(scene, X)
-        return self._numbers
+            self._last = last = (inputs, X, self._numbers_of(scene, X))
+        return last[2]
 
     def _numbers_of(self, scene: Scene, X: MaybeDual) -> dict[str, MaybeDual]:
         masses = self._masses(scene, X)
@@ -148,6 +148,16 @@ class Mass:
         self.matrix.data = floats(numbers["mass"])
         if "weight" in numbers:
             self.weight = floats(numbers["weight"])
+
+    def of(self, numbers: dict[str, MaybeDual], mesh: Mesh) -> Mass:
+        """The masses of another scene."""
+        other = object.__new__(Mass)
+        other.__dict__.update(self.__dict__)
+        other._mesh = mesh
+        other.matrix = object.__new__(type(self.matrix))
+        other.matrix.__dict__.update(self.matrix.__dict__)
+        other.bind(numbers)
+        return other
 
     def name(self, scene: Scene, at_rest: bool) -> None:
         """Note what there is, without inertia `at_rest`, and warn if gravity acts on no mass."""

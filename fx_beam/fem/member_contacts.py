@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -208,6 +208,32 @@ class MemberContacts:
             "first_number": number,
             "first_arc": arc,
         }
+
+    @property
+    def memory(self) -> tuple[list, list[np.ndarray]]:
+        """Structs and arrays that change, for a `BlockPlan`; C has allocated nothing yet."""
+        c, ffi, n = self.c, self.ffi, len(self.pairs)
+        assert not (c.near or c.contact_point)
+        size, slots = self._mesh.dofs.size, int(self.first_slots[-1])
+        arrays = [*self._numbers, self._reference, c_library.array_at(ffi, c.has_slot, slots)]
+        arrays.append(c_library.array_at(ffi, c.memory, self.width))
+        for name in ("searched_at", "start", "v", "product"):
+            arrays.append(c_library.array_at(ffi, getattr(c, name), size))
+        rows = ffi.cast(f"MemberContact(*)[{n}]", c.of)[0]
+        pairs = zip(rows, self.pairs, strict=True)
+        arrays += [c_library.array_at(ffi, row.arc, len(pair.arc)) for row, pair in pairs]
+        return [c, rows], arrays
+
+    def of(self, pairs: list[MemberPair], mesh: Mesh, block: Any) -> MemberContacts:
+        """Those of another scene, in a block."""
+        other = object.__new__(MemberContacts)
+        other.__dict__.update(self.__dict__)
+        other._mesh, other.c = mesh, block.struct(self.ffi, self.c)
+        other._numbers = [*map(block.view, self._numbers)]
+        other._reference = block.view(self._reference)
+        other._freed = self.ffi.gc(other.c, self.library.fx_free_members)
+        other.bind(pairs)
+        return other
 
     def check_pairs(self, pairs: list[MemberPair]) -> None:
         """OtherStructureError if other members touch."""

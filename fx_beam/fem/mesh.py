@@ -102,6 +102,15 @@ class Mesh:
         if not all_of(X == self.X):
             self._set_positions(X)
 
+    def at(self, X: np.ndarray) -> Mesh:
+        """This mesh with nodes at X (n, 2): itself if they are there."""
+        if all_of(X == self.X):
+            return self
+        moved = object.__new__(Mesh)
+        moved.__dict__.update(self.__dict__)
+        moved._set_positions(X)
+        return moved
+
     def positions_of(self, scene: Scene) -> MaybeDual:
         """X (n, 2) [m] of a scene with these nodes; of straight elements with slopes."""
         columns = [node.x for node in scene.nodes], [node.y for node in scene.nodes]

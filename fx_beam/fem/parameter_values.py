@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -60,6 +61,14 @@ class ParameterValues:
         self.signals, self._held = signals, False
         if self.names:
             self.use(self.at(0.0))
+
+    def of(self, signals: ParameterFunctions, block: Any) -> ParameterValues:
+        """Those of another scene, in a block; what reads them is to be added."""
+        other = object.__new__(ParameterValues)
+        other.__dict__.update(self.__dict__)
+        other.values, other._readers = block.view(self.values), []
+        other.signals, other._held = signals, False
+        return other
 
     def __len__(self):
         return len(self.names)

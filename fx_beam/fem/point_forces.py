@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -217,6 +217,29 @@ class PointForces:
         self.placed = [x._replace(force=f) for x, f in zip(old, by_role(forces), strict=True)]
         for placed in self.placed:
             placed.numbers[:] = placed.force.numbers
+
+    def of(self, data: Any, parameters: ParameterValues, mesh: Any, block: Any) -> PointForces:
+        """Those of another scene, whose numbers are in a block."""
+        other = object.__new__(PointForces)
+        other.__dict__.update(self.__dict__)
+        other.followers, other.parameters = data.followers, parameters
+        if self.members is not None:
+            other.members = self.members.of(data.pairs, mesh, block)
+        if not self.placed:
+            return other
+        other.inputs, view = block.view(self.inputs), block.view
+        other.placed = [
+            placed._replace(
+                force=force,
+                given=view(placed.given),
+                numbers=view(placed.numbers),
+                results=view(placed.results),
+            )
+            for placed, force in zip(self.placed, by_role(data.forces), strict=True)
+        ]
+        for placed in other.placed:
+            placed.numbers[:] = placed.force.numbers
+        return other
 
     def locate_in(self, K: scipy.sparse.csr_matrix) -> None:
         """Find the entries in the values of a matrix."""

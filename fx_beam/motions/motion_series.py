@@ -13,17 +13,19 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
+from fx_beam.step.model import Model
 
 from .initial_state import end_of
 from .options import Options
 from .prepared import Prepared
 from .run import Run
-from .set_ups import RECENT, SetUps, kind_of
+from .set_ups import PROGRAMS, RECENT, SetUps, kind_of
 from .surroundings import call_with_arrays, thread_series, warn_of_equal_work
 
 if TYPE_CHECKING:
     from fx_beam.step.tape import Tape
 
+_ALL = __import__("os").environ.get("FX_TRIAL_ALL") == "1"
 T = TypeVar("T")
 
 
@@ -89,10 +91,25 @@ class MotionSeries:
         self.prepared = None
         # In a cache of its own the last motion, whatever it was, says why it does not serve again.
         kind = "motion", options.scheme, options.newton
+        model = None
+        if (
+            (self._shares or _ALL)
+            and options.scheme.built_in
+            and PROGRAMS.serves(of := kind_of(scene, *kind))
+        ):
+            found, reason = PROGRAMS.find(of, lambda known: Prepared.of(known, scene, options))
+            if found is None:
+                model = Model(scene, options.scheme)
+                if (program := PROGRAMS.add(of, model)) is not None:
+                    found = Prepared.of(program, scene, options)
+                    reason = reason or "the first scene"
+            if found is not None:
+                found.stats.setup_reason, self.prepared = reason, found
+                return found
         prepared, reason = self._cache.take(
             kind_of(scene, *kind) if self._shares else "motion",
             lambda last: last.bind(scene, options),
-            lambda: Prepared(scene, options),
+            lambda: Prepared(scene, options, model),
         )
         if reason:
             self._alike = None
@@ -101,7 +118,8 @@ class MotionSeries:
 
     def give_back(self, prepared: Prepared) -> None:
         """Let the next scene of its structure have what was prepared."""
-        self._cache.give_back(prepared)
+        if prepared.model.program is None:
+            self._cache.give_back(prepared)
 
     def alike(self, scene: Scene, options: Options) -> Prepared:
         """Prepared model of another scene of the structure of the last one, beside it."""

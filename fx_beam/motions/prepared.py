@@ -15,6 +15,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
+from fx_beam.step.block import twin
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
@@ -34,8 +35,8 @@ _ROUND_OFF = 1e-11
 class Prepared:
     """The model of a scene and what takes its steps; both serve other scenes of its structure."""
 
-    def __init__(self, scene: Scene, options: Options):
-        self.model = model = Model(scene, options.scheme)
+    def __init__(self, scene: Scene, options: Options, model: Model | None = None):
+        self.model = model = model or Model(scene, options.scheme)
         #: Number of degrees of freedom.
         self.size = model.size
         self.turn_counter = TurnCounter(model)
@@ -43,6 +44,20 @@ class Prepared:
         #: The compiled loop.
         self.loop = CompiledLoop(self.forcing, options.newton, self.stats)
         self._begin_steps(options)
+
+    @classmethod
+    def of(cls, program: Any, scene: Scene, options: Options) -> Prepared:
+        """A motion of a program, which has numbers and memory of its own."""
+        prepared = object.__new__(cls)
+        once(program.model, finds_accelerations_later)  # as it is for all runs
+        prepared.model = model = program.model_of(scene)
+        prepared.size = model.size
+        prepared.turn_counter = turn_counter = twin(program.turn_counter)
+        turn_counter.removed = np.zeros(model.size)
+        prepared._begin_run()
+        prepared.loop = CompiledLoop(prepared.forcing, options.newton, prepared.stats)
+        prepared._begin_steps(options)
+        return prepared
 
     def _begin_run(self) -> None:
         damping = self.model.data.forms.friction_damping
@@ -237,7 +252,7 @@ def stats_of(model: Model, **members: Any) -> Stats:
         scheme=model.scheme.name,
         level=model.scheme.rates.level,
         unknowns=model.couplings.free - len(model.couplings.closures),
-        compiled=[] if model.forms.beams is None else [*model.forms.beams.bound],
+        compiled=[] if model.forms.beams is None else [*model.forms.beams.names],
         assembled=model.masses.assembled,
         **members,
     )

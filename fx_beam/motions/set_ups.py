@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
-from typing import Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.scene import Scene
@@ -12,6 +12,9 @@ from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.model import Model
 
 from .surroundings import call_with_arrays
+
+if TYPE_CHECKING:
+    from fx_beam.step.program import Program
 
 
 class SetUp(Protocol):
@@ -87,6 +90,55 @@ class SetUps(Generic[T]):
 RECENT: SetUps[Any] = SetUps(size=25_000)
 
 
+class Programs:
+    """The latest programs, by kind; any number of runs and threads use them at once."""
+
+    def __init__(self, most: int = 8):
+        self._most = most
+        self._known: list[tuple[Hashable, Program]] = []
+        # Kinds of scenes that are still bound to one model after the other.
+        self._unserved: set[Hashable] = set()
+
+    def find(self, kind: Hashable, run: Callable[[Program], T]) -> tuple[T | None, str]:
+        """A run of the latest program that fits, or None and why the latest of its kind does not."""
+        reason = ""
+        for known, program in self._known[::-1]:
+            if known == kind:
+                try:
+                    found = run(program)
+                except OtherStructureError as other:
+                    reason = reason or str(other)
+                else:
+                    # The latest one that was used is the last to go.
+                    others = [entry for entry in self._known if entry[1] is not program]
+                    self._known = [*others, (kind, program)]
+                    return found, ""
+        return None, reason
+
+    def add(self, kind: Hashable, model: Model) -> Program | None:
+        """The program of a model; None if such models cannot be shared yet."""
+        from fx_beam.step.program import Program
+
+        if model.size > RECENT.size:
+            return None  # nobody else comes: a pattern beside the run would only take memory
+        if not Program.serves(model):
+            self._unserved.add(kind)
+            return None
+        program = Program(model)
+        known = [*self._known, (kind, program)][-self._most :]
+        while known and sum(other.model.size for _, other in known) > RECENT.size:
+            del known[:1]
+        self._known = known
+        return program
+
+    def serves(self, kind: Hashable) -> bool:
+        """Whether scenes of a kind may have programs."""
+        return kind not in self._unserved
+
+
+PROGRAMS = Programs()
+
+
 def kind_of(scene: Scene, *kind: object) -> Hashable:
     """A kind of set-ups for scenes with as many parts."""
     return *kind, len(scene.nodes), len(scene.beams), len(scene.joints), len(scene.bodies)
@@ -108,11 +160,22 @@ class Lease:
 
     def __init__(self, scene: Scene, scheme: Scheme, **options: bool):
         self._is_over = True
+        # By all options, as those of `Model`.
+        kind, model, made = kind_of(scene, type(scheme), *options.items()), None, None
+        if scheme.built_in and PROGRAMS.serves(kind):
+            model, _ = PROGRAMS.find(kind, lambda program: program.model_of(scene))
+            if model is None:
+                made = Model(scene, scheme, **options)
+                if program := PROGRAMS.add(kind, made):
+                    model = program.model_of(scene)
+        if model is not None:
+            self.model = model
+            return
         #: The model.
-        self.model: Model = RECENT.take(
+        self.model = RECENT.take(
             kind_of(scene, type(scheme), *options),
             lambda model: bind(model, scene),
-            lambda: Model(scene, scheme, **options),
+            lambda: made or Model(scene, scheme, **options),
         )[0]
         self._is_over = False
 
@@ -128,7 +191,7 @@ class Lease:
 def model_for(scene: Scene, scheme: Scheme, last: Lease | None = None, **options: bool) -> Lease:
     """The lease of a model for a scene: the `last` one if its owner has it for this structure."""
     call_with_arrays(scene)
-    if last is not None:
+    if last is not None and last.model.program is None:
         try:
             bind(last.model, scene)
             return last

@@ -55,7 +55,10 @@ class FittedRates:
 
     def __init__(self, model: Model):
         self._model = model
-        self._problem = problem = Problem(model, ProblemKind(rates=True))
+        kind = ProblemKind(rates=True)
+        self._problem = problem = (
+            Problem(model, kind) if model.program is None else Problem.of(model, kind)
+        )
         self._ffi, self._p = problem.ffi, problem.c
         self._structs = Structs(self._ffi)
         self._a = self._ffi.new("Derivatives *")

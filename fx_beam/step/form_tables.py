@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import mmap
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -12,7 +12,8 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.c_library import Structs
-from fx_beam.content_cache import cached_by_content
+from fx_beam.content_cache import cached_by_content, cached_property
+from fx_beam.dual import floats
 from fx_beam.fem.assembly import Field, Term
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.sparsity import starts_of
@@ -126,6 +127,77 @@ class FormTables:
         self._data: list[CellData] = []
         self._factors: list[np.ndarray] = []
         self._integrals: list[Any] = []
+        self._constants: list[np.ndarray] = []
+
+    @property
+    def memory(self) -> tuple[list, list[np.ndarray]]:
+        """Structs and arrays that change, for a `BlockPlan`."""
+        arrays = [blocks for _, blocks in self._coordinates] + self._constants
+        return self._integrals, arrays + [data._data for data in self._data if data._own]
+
+    def of_run(self, problem: Any, block: Any) -> FormTables:
+        """The tables of another run, in a block; `set_numbers` is to follow."""
+        self.field_names  # noqa: B018  # ids of the fields of the pattern
+        other = object.__new__(FormTables)
+        other.__dict__.update(self.__dict__)
+        other._problem, other._storage, view = problem.c, problem.storage, block.view
+        other._all_forms, other._forms = problem.model.forms, problem.model.forms.beams
+        other._structs = Structs(self._ffi)
+        # For forms that are added later, such as derivatives.
+        other._coordinates_of_cells = problem.model.mesh.coordinates
+        other._shared = {
+            key: data | {"coordinates": view(data["coordinates"])}
+            for key, data in self._shared.items()
+        }
+        other._coordinates = [(cells, view(blocks)) for cells, blocks in self._coordinates]
+        other._factors = [view(factor) for factor in self._factors]
+        other._constants = [*map(view, self._constants)]
+        other._integrals = [block.struct(self._ffi, x) for x in self._integrals]
+        integrals = (x for several in other._integrals for x in several)
+        other._data = [
+            data.of(integral, block) for data, integral in zip(self._data, integrals, strict=True)
+        ]
+        return other
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether all numbers have places of their own."""
+        return all(data._own for data in self._data)
+
+    def places(self, plan: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Places of data of beams in a block, by name, and the entries that are there."""
+        found: dict[str, tuple[list, list]] = {}
+        names = {number: name for name, number in self.field_names.items()}
+        for data in self._data:
+            first = plan.place(data._data.__array_interface__["data"][0]) // 8
+            at = first + np.arange(data._data.size).reshape(data._data.shape)
+            for field, (columns, places) in zip(data._fields, data._places, strict=True):
+                for known, new in zip(
+                    found.setdefault(names[id(field)], ([], [])),
+                    (at[:, columns], places),
+                    strict=True,
+                ):
+                    known.append(new.ravel())
+        return {name: tuple(map(np.concatenate, pair)) for name, pair in found.items()}
+
+    def move(self, coordinates: np.ndarray, block: Any) -> None:
+        """Set coordinates of cells in a block."""
+        for cells, blocks in self._coordinates:
+            block.view(blocks)[...] = self._in_plane(coordinates[cells])
+
+    def set_numbers(self, coordinates: np.ndarray | None, numbers: Mapping[str, Any]) -> None:
+        """Set the numbers of a scene; coordinates of cells only if given."""
+        if coordinates is not None:
+            for cells, blocks in self._coordinates:
+                blocks[...] = self._in_plane(coordinates[cells])
+        flat = {self.field_names[name]: floats(x).ravel() for name, x in numbers.items()}
+        for data in self._data:
+            data.set_numbers(flat)
+
+    @cached_property
+    def field_names(self) -> dict[str, int]:
+        """Fields of beams, as their ids by name."""
+        return {name: id(x) for name, x in self._forms.data.named.items() if isinstance(x, Field)}
 
     def bind(self, coordinates: np.ndarray | None) -> None:
         """Set the numbers to those that the forms have now, and coordinates of cells if given."""
@@ -160,7 +232,8 @@ class FormTables:
         moving = [(i, starts[field]) for i, field in enumerate(fields) if field in starts]
         at_rest, known = self._forms.kind.scheme.rates.at_rest, form.constant_starts
         step_names = ("load_increment", "load_factor") if at_rest else ("dt", "memory")
-        constants = form.constants_in(_NO_STEP)[0]
+        constants = np.array(form.constants_in(_NO_STEP)[0])
+        self._constants.append(constants)
         parameter_members = {"parameters": len(data.parameters), "parameter": data.parameters}
         *offsets, first = (known.get(name, -1) for name in ("time", *step_names, "parameters"))
         still = [field for field in starts if field not in fields]  # C sets those that move
@@ -219,6 +292,13 @@ class FormTables:
         return self._blocks(places.reshape(len(places), -1))
 
 
+class _Values(NamedTuple):
+    """A field with other values."""
+
+    space: Any
+    array: np.ndarray
+
+
 class CellData:
     """Coefficients of the cells of an integral that do not move.
 
@@ -254,6 +334,27 @@ class CellData:
         data = aligned_zeros(np.count_nonzero(is_new), *blocks.shape[1:])
         data[...] = blocks[is_new]
         self._point_to(data, np.cumsum(is_new, dtype=np.int32) - 1)
+
+    def of(self, integral: Any, block: Any) -> CellData:
+        """The same of another run, in a block."""
+        other = object.__new__(CellData)
+        other.__dict__.update(self.__dict__)
+        other._integral = integral
+        if self._own:
+            other._data = block.view(self._data)
+        return other
+
+    def set_numbers(self, numbers: Mapping[int, np.ndarray]) -> None:
+        """Set the values of some fields, given by the ids of these."""
+        if not self._own:
+            self._fields = [
+                _Values(field.space, numbers.get(id(field), field.array)) for field in self._fields
+            ]
+            self.bind()
+            return
+        for field, (columns, places) in zip(self._fields, self._places, strict=True):
+            if (values := numbers.get(id(field))) is not None:
+                self._data[:, columns] = values[places]
 
     def _blocks(self) -> np.ndarray:
         parts = [field.array[field.space.dofs[self._cells]] for field in self._fields]

@@ -51,7 +51,8 @@ class CompiledLoop:
 
     def bind(self, forcing: Forcing, stats: Stats) -> None:
         """Begin a run, with the numbers that the model has now."""
-        self.problem.bind()
+        if self.problem.block is None:  # else it is new
+            self.problem.bind()
         self.forcing, self.stats = forcing, stats
         #: A block for what C does and what Python counts of it, which Ctrl-C does not divide.
         self.whole: AbstractContextManager[None] = NOTHING

@@ -60,6 +60,8 @@ class Model:
         self.lock = RLock()
         #: Number of blocks in which something reads it, beside its runs.
         self.readers = 0
+        #: What scenes of this structure share, if this model is of one of them; it is never bound.
+        self.program: Any = None
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
         if not all(joint.is_selection for joint in scene.joints):
@@ -124,6 +126,44 @@ class Model:
         places_tell = self._rests[0] and not (scene.joints or scene.forces_between)
         if elsewhere or scene.drags or (self.scheme.rates.at_rest and not places_tell):
             self.mechanism = _mechanism(self, *self._rests)
+
+    @property
+    def memory(self) -> tuple[list, list[np.ndarray]]:
+        """Structs and arrays that change, for a `BlockPlan`."""
+        structs, arrays = self.reduction.joints.memory
+        point_structs, point_arrays = self.forms.compiled_points.memory
+        return [*structs, *point_structs], [*arrays, *point_arrays, self.forms.parameters.values]
+
+    def of(self, data: Data, block: Any, program: Any) -> Model:
+        """The model of another scene of this structure, whose numbers are in a block."""
+        elsewhere = not data.lies_as(self.data)
+        if elsewhere and self.couplings.need_places:
+            raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
+        other = object.__new__(Model)
+        other.__dict__.update(self.__dict__)
+        other.program, other.lock, other.readers = program, RLock(), 0
+        other.data, other.scene = data, data.scene
+        other.mesh = self.mesh.at(floats(data.X)) if elsewhere else self.mesh
+        other.masses = self.masses.of(data.masses, other.mesh)
+        other.forms = forms = self.forms.of(data.forms, other.mesh, block)
+        other.points = forms.points
+        other.kinks = object.__new__(Kinks)
+        other.kinks.__dict__.update(self.kinks.__dict__, _forms=forms)
+        other.reduction = self.reduction.of(forms.compiled_points, block)
+        other.reduction.joints.set_numbers(data.arms, data.gears)
+        # What depends on the structure alone.
+        other.problems = {
+            key: value
+            for key, value in self.problems.items()
+            if isinstance(value, (bool, dict, np.ndarray))
+        }
+        if elsewhere:
+            other.units = Units(other.mesh, self.couplings)
+        scene = data.scene
+        places_tell = self._rests[0] and not (scene.joints or scene.forces_between)
+        if elsewhere or scene.drags or (self.scheme.rates.at_rest and not places_tell):
+            other.mechanism = _mechanism(other, *self._rests)
+        return other
 
     @contextmanager
     def reading(self, data: Data, time: float | None = None) -> Iterator[None]:

@@ -27,8 +27,7 @@ class StateVector:
     """The state of a problem in C, with its past and its local errors."""
 
     def __init__(self, model: Model, c: Any, ffi: Any, C: Any):
-        self._model, self._c = model, c
-        n = model.size
+        n, self._most = model.size, C.PAST
         #: Shapes of the arrays of the state by name.
         self.shapes = {name: array.lengths(once(model, sizes_of)) for name, array in ARRAYS.items()}
         sizes = {name: math.prod(shape) for name, shape in self.shapes.items()}
@@ -39,19 +38,19 @@ class StateVector:
         errors = {"ages": C.PAST + 1, "past": C.PAST * n, "last": (C.AVERAGED - 1) * n}
         all_sizes = sizes | past | {f"error_{name}": size for name, size in errors.items()}
         #: The memory, which C copies before a step with sub-steps, and where its arrays are in it.
-        self.memory = aligned_zeros(sum(all_sizes.values()))
+        memory = aligned_zeros(sum(all_sizes.values()))
         ends = itertools.pairwise(itertools.accumulate(all_sizes.values(), initial=0))
         self.places = dict(zip(all_sizes, itertools.starmap(slice, ends), strict=True))
-        arrays = {name: self.memory[place] for name, place in self.places.items()}
-        #: Arrays of the state, and positions (driven,) of driven motions.
-        self.arrays = {name: arrays[name].reshape(shape) for name, shape in self.shapes.items()}
+        arrays = self._begin_in(model, c, ffi, memory)
+        self._ages[0][:] = self._ages[1][:] = 1.0
         # Zeros for those that are not empty, which the memory begins with.
         self._blank = {
             name: np.broadcast_to(0.0, array.shape)
             for name, array in self.arrays.items()
             if array.size
         }
-        self._begin = self.memory[: sum(array.size for array in self._blank.values())]
+        self._first = sum(array.size for array in self._blank.values())
+        self._begin = self.memory[: self._first]
         # Names of those that states have: before the first step, and after it without and with the
         # forces of joints and obstacles, which only steps that are recorded compute.
         names = [name for name in ARRAYS if name in self._blank or ARRAYS[name].required]
@@ -61,15 +60,6 @@ class StateVector:
             [*names_at_start, "constraint_forces"],
             [*names_at_start, *FORCES],
         )
-        self._driven = arrays["driven_now"]
-        self._ages = arrays["ages"], arrays["error_ages"]
-        self._ages[0][:] = self._ages[1][:] = 1.0
-        # Numbers that go with the memory, in structs of C that follow each other, as bytes.
-        first, stop = (ffi.offsetof(ffi.typeof(c).item, name) for name in ("state", "run"))
-        self._numbers = ffi.buffer(ffi.addressof(c, "state"), stop - first)
-        # Ages, and divided differences of nodes (PAST, size) and of unknowns (PAST, free or 0).
-        differences = np.split(arrays["past"].reshape(C.PAST, -1), [n], axis=1)
-        self._past = arrays["ages"], *differences
         state_arrays = {name: arrays[name] for name in sizes}
         #: The state that is in the memory; None where steps, or others, have changed it since.
         self.present: State | None = None
@@ -79,6 +69,32 @@ class StateVector:
             "predictor": {name: arrays[name] for name in past},
             "control": {name: arrays[f"error_{name}"] for name in errors},
         }
+
+    def _begin_in(
+        self, model: Model, c: Any, ffi: Any, memory: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Have the state in a piece of memory; its arrays by name, as vectors."""
+        self._model, self._c, self.memory, self.present = model, c, memory, None
+        arrays = {name: memory[place] for name, place in self.places.items()}
+        #: Arrays of the state, and positions (driven,) of driven motions.
+        self.arrays = {name: arrays[name].reshape(shape) for name, shape in self.shapes.items()}
+        self._driven = arrays["driven_now"]
+        self._ages = arrays["ages"], arrays["error_ages"]
+        # Numbers that go with the memory, in structs of C that follow each other, as bytes.
+        first, stop = (ffi.offsetof(ffi.typeof(c).item, name) for name in ("state", "run"))
+        self._numbers = ffi.buffer(ffi.addressof(c, "state"), stop - first)
+        # Ages, and divided differences of nodes (PAST, size) and of unknowns (PAST, free or 0).
+        past, n = arrays["past"].reshape(self._most, -1), model.size
+        self._past = arrays["ages"], past[:, :n], past[:, n:]
+        return arrays
+
+    def of(self, model: Model, c: Any, ffi: Any, memory: np.ndarray) -> StateVector:
+        """The state of another run, in a piece of memory as this one's was at first."""
+        other = object.__new__(StateVector)
+        other.__dict__.update(self.__dict__)
+        other._begin_in(model, c, ffi, memory)
+        other._begin = memory[: self._first]
+        return other
 
     def clear(self) -> None:
         """Forget the last run."""

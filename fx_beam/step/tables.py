@@ -20,6 +20,7 @@ from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import MACROS
 from fx_beam.scene.beam import gauss_rule
 
+from .block import Block, BlockPlan, twin
 from .build import begin_to_build, load_library
 from .form_tables import FORMS, FormTables, aligned_zeros
 from .model import Model, massless_dofs, once, sizes_of
@@ -67,6 +68,13 @@ class SceneNumbers:
         #: Arrays by group and member, with a dot between.
         self.own = {name: np.array(values, float) for name, values in numbers.items()}
 
+    def of(self, model: Model, block: Block) -> SceneNumbers:
+        """Those of another scene in a block; `bind` writes them."""
+        other = twin(self)
+        other._model = model
+        other.own = {name: block.view(array) for name, array in self.own.items()}
+        return other
+
     def bind(self) -> np.ndarray | None:
         """Set all to the numbers that the model has now; coordinates of cells if nodes moved."""
         mesh, moved = self._model.mesh, self._model.mesh.X is not self._X
@@ -113,9 +121,12 @@ class Problem:
     """The C struct Problem of a model, and the arrays to which it points."""
 
     def __init__(self, model: Model, kind: ProblemKind):
+        assert model.program is None, "use Problem.of: tables of a run have numbers of its pattern"
         self.model, self.kind = model, kind
         #: The linear system.
         self.storage = storage = TangentStorage(model, kind)
+        #: What it has of its own, if it is of a program.
+        self.block: Block | None = None
         begin_to_build(storage.features)  # beside what is compiled for the elements
         self.ffi = declared("problem.h", MACROS)
         #: Constants of problem.h.
@@ -125,8 +136,7 @@ class Problem:
         self.c = self.ffi.new("Problem *")
         self.set(**{group: dict.fromkeys(names) for group, names in _NOT_ALWAYS.items()})
         storage.hand_over(self)
-        #: Tables of the forms of beams, None without any.
-        self.tables: FormTables | None = None
+        self.tables = None
         self._set_mesh()
         self.set(forms={"has_added": model.forms.has_added}, scheme=_scheme(storage))
         assert self.constants.SUB_STEPS == MOST_SUB_STEPS
@@ -177,12 +187,80 @@ class Problem:
     @classmethod
     def of(cls, model: Model, kind: ProblemKind) -> Problem:
         """A problem with the numbers that a model has now; one of earlier numbers serves again."""
+        if model.program is not None:
+            return model.program.problem_of(model, kind)
         problem = model.problems.get(kind)
         if problem is None or problem.numbers.data is model.data:  # that serves others now
             problem = model.problems[kind] = cls(model, kind)
         else:
             problem.bind()
         return problem
+
+    def plan(self, outer: BlockPlan) -> BlockPlan:
+        """Places in one piece of memory of all that changes in a run."""
+        c, ffi, storage = self.c, self.ffi, self.storage
+        structs, arrays = [c], [*self.numbers.own.values(), self.state.memory]
+        if self.tables is not None:
+            own_structs, own_arrays = self.tables.memory
+            structs, arrays = structs + own_structs, arrays + own_arrays
+        if changing := c.system.changing:
+            structs.append(ffi.cast("ChangingRows(*)[1]", changing)[0])  # with its rows
+            sizes = c.system.positions, storage.entries, len(self.model.couplings.sliding)
+            places = c.system.order, c.system.factor_at, changing.window
+            arrays += [array_at(ffi, *x) for x in zip(places, sizes, strict=True)]
+        elif c.system.rows:
+            structs.append(ffi.cast("SparseRows *", c.system.rows))
+        if c.sliders.count:
+            structs.append(ffi.cast(f"Slider(*)[{c.sliders.count}]", c.sliders.slider)[0])
+        if c.parts.count:
+            arrays.append(array_at(ffi, c.parts.energy, 2 * c.parts.count))
+        if c.at_points.slide_rate:
+            arrays.append(array_at(ffi, c.at_points.slide_rate, self.model.scene.joint_count))
+        if c.loops.closures:
+            arrays.append(array_at(ffi, c.loops.following, c.loops.closures))
+        blank = [self.scratch, self.inverted_q, self.sides, storage.sparse_factors]
+        plan = BlockPlan(ffi, structs, arrays, blank, outer)
+        if self.tables is not None and self.tables.is_placed:
+            plan.places = self.tables.places(plan)
+        return plan
+
+    def of_run(self, model: Model, block: Block) -> Problem:
+        """The problem of another scene of this structure, in a block."""
+        other = object.__new__(Problem)
+        other.__dict__.update(self.__dict__)
+        other.model, other.block, view = model, block, block.view
+        other.structs = Structs(self.ffi)
+        other.c = c = block.struct(self.ffi, self.c)
+        other.storage = twin(self.storage)
+        other.storage.model = model
+        other.storage.sparse_factors = view(self.storage.sparse_factors)
+        if c.system.changing:
+            other.storage._rows = self.ffi.gc(c.system.changing, self.library.fx_free_rows)
+        other.scratch, other.sides = view(self.scratch), view(self.sides)
+        other.inverted_q = view(self.inverted_q)
+        other.state = self.state.of(model, c, self.ffi, view(self.state.memory))
+        other.numbers = self.numbers.of(model, block)
+        coordinates = other.numbers.bind()
+        if self.tables is not None:
+            numbers, places = model.data.forms.beams, block.plan.places
+            if places is None:
+                other.tables = self.tables.of_run(other, block)
+                other.tables.set_numbers(coordinates, numbers)
+                return other
+            other.__dict__.pop("tables")  # until something adds forms
+            other._pattern = self.tables
+            if coordinates is not None:
+                self.tables.move(coordinates, block)
+            memory = block.memory[: block.plan.copied].view(np.float64)
+            for name, values in numbers.items():
+                if (pair := places.get(name)) is not None:
+                    memory[pair[0]] = floats(values).ravel()[pair[1]]
+        return other
+
+    @cached_property
+    def tables(self) -> FormTables | None:
+        """Tables of the forms of beams, None without any."""
+        return self._pattern.of_run(self, self.block)
 
     @cached_property
     def library(self) -> Any:

@@ -11,7 +11,7 @@ from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.fem import ffcx_api
-from fx_beam.motions.set_ups import RECENT
+from fx_beam.motions.set_ups import PROGRAMS, RECENT
 
 
 def arm(elements=3, length=1.0, EA=1e4, force=1.0, degree=1, second=None, **more):
@@ -164,6 +164,7 @@ def test_functions_that_give_the_same_are_written_once(kind, monkeypatch):
     for made, count in ((LAWS[kind], 2), (LAWS[kind], 7), (lambda: same, 7)):
         signed.clear()
         monkeypatch.setattr(RECENT, "_waiting", [])  # each scene is set up anew
+        monkeypatch.setattr(PROGRAMS, "_known", [])
         solution = fb.simulate(row_of(count, kind, made), dt=1e-3, t_end=0.02)
         counts.append(len(signed))
         motions.append(solution.q)

@@ -11,7 +11,7 @@ from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.content_cache import cached_property
-from fx_beam.motions.set_ups import RECENT
+from fx_beam.motions.set_ups import PROGRAMS, RECENT
 from fx_beam.step import full_turns, single_steps
 from fx_beam_studies import stability
 
@@ -187,6 +187,7 @@ def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctr
     # Each run sets up a model of its own, so that it has as many lines as the others.
     monkeypatch.setattr(RECENT, "size", 0)
     monkeypatch.setattr(RECENT, "_waiting", [])
+    monkeypatch.setattr(PROGRAMS, "_known", [])
     if name == "turns":
         monkeypatch.setattr(full_turns, "STEPS", 3)
     whole = run()

@@ -89,6 +89,13 @@ def problems(monkeypatch):
         noted.append(self)
 
     monkeypatch.setattr(Problem, "__init__", begun)
+    of_run = Problem.of_run
+
+    def begun_in_block(self, *arguments):
+        noted.append(run := of_run(self, *arguments))
+        return run
+
+    monkeypatch.setattr(Problem, "of_run", begun_in_block)
     return noted
 
 

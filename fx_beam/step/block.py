@@ -1,0 +1,166 @@
+"""One piece of memory for all that changes in a run, by the pattern of arrays of a template.
+
+A template has arrays and structs of C, each where it was made. A `BlockPlan` gives each a place in
+one piece of memory, with the values that it has now, and lists which words of the structs point to
+which places. A `Block` is a copy of this piece, with these words set: nothing of C is called.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+from typing import Any, TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
+_LINE = 64
+
+
+def twin(thing: T) -> T:
+    """Another object of the same class that has the same attributes."""
+    other = object.__new__(type(thing))
+    other.__dict__.update(thing.__dict__)
+    return other
+
+
+def address_of(array: np.ndarray) -> int:
+    """Where an array begins."""
+    return array.__array_interface__["data"][0]
+
+
+def pointers_of(ffi: Any, struct: Any) -> list[int]:
+    """Numbers of the words of a struct, or of an array of structs, that are pointers."""
+    kind = ffi.typeof(struct)
+    if kind.kind == "array":
+        kind, count = kind.item, len(struct)
+    else:
+        kind, count = kind.item if kind.kind == "pointer" else kind, 1
+    words, size = [*_words_of(ffi, kind)], ffi.sizeof(kind) // 8
+    return [i * size + word for i in range(count) for word in words]
+
+
+def _words_of(ffi: Any, kind: Any, first: int = 0) -> Iterator[int]:
+    if kind.kind in ("pointer", "function"):
+        yield first // 8
+    elif kind.kind == "struct":
+        for _, field in kind.fields:
+            yield from _words_of(ffi, field.type, first + field.offset)
+    elif kind.kind == "array" and kind.item.kind in ("pointer", "struct", "array"):
+        for i in range(kind.length):
+            yield from _words_of(ffi, kind.item, first + i * ffi.sizeof(kind.item))
+
+
+class BlockPlan:
+    """Places of the structs and arrays of a template in one piece of memory.
+
+    Those that are `blank` begin as zeros. Pointers may also lead to what an `outer` plan has.
+    """
+
+    def __init__(
+        self,
+        ffi: Any,
+        structs: Iterable[Any],
+        arrays: Iterable[np.ndarray],
+        blank: Iterable[np.ndarray] = (),
+        outer: BlockPlan | None = None,
+    ):
+        structs = [*structs]
+        bytes_of_structs = [np.frombuffer(ffi.buffer(part), np.uint8) for part in structs]
+        pointers = [pointers_of(ffi, part) for part in structs]
+        zeros = sorted((a for a in blank if a.size), key=address_of)
+        copied = [*bytes_of_structs, *(a for a in arrays if a.size)]
+        self._outer, offset = outer, 0
+        # Where pieces of the template begin and end, and their places; by their beginnings.
+        pieces: list[tuple[int, int, int]] = []
+        for group in (sorted(copied, key=address_of), zeros):
+            last = -1
+            for array in group:
+                assert array.flags.c_contiguous
+                start = address_of(array)
+                if start + array.nbytes <= last:
+                    continue  # a part of the piece before
+                assert start >= last, "pieces overlap"
+                pieces.append((start, last := start + array.nbytes, offset))
+                offset += -(-array.nbytes // _LINE) * _LINE
+            if group is not zeros:
+                self.copied = offset
+        #: Places of numbers of forms by name, if each has one of its own.
+        self.places: dict[str, tuple] | None = None
+        #: Places of what was asked for, by id.
+        self.known: dict[int, tuple] = {}
+        #: Size [bytes]; behind `copied` there are zeros.
+        self.size = offset
+        self._pieces = sorted(pieces)
+        self._starts = [start for start, _, _ in self._pieces]
+        self.image = np.zeros(self.copied, np.uint8)
+        for array in copied:
+            place = self.place(address_of(array))
+            self.image[place : place + array.nbytes] = array.reshape(-1).view(np.uint8)
+        # Words of structs that point into this block, or into the outer one, and where to.
+        self._inner = self._pointers(bytes_of_structs, pointers, self)
+        self._outer_words = outer and self._pointers(bytes_of_structs, pointers, outer)
+
+    def place(self, address: int) -> int:
+        """Place of what the template has at an address; -1 if it is not in the block."""
+        i = bisect_right(self._starts, address) - 1
+        if i < 0:
+            return -1
+        start, end, place = self._pieces[i]
+        return place + address - start if address < end else -1
+
+    def _pointers(
+        self, structs: list[np.ndarray], pointers: list[list[int]], to: BlockPlan
+    ) -> tuple[np.ndarray, np.ndarray]:
+        words, targets = [], []
+        for struct, offsets in zip(structs, pointers, strict=True):
+            first, values = self.place(address_of(struct)) // 8, struct.view(np.int64)
+            for i in offsets:
+                if (target := to.place(int(values[i]))) >= 0:
+                    words.append(first + i)
+                    targets.append(target)
+        return np.array(words, np.intp), np.array(targets, np.int64)
+
+    def block(self, zeros: Any, outer: Block | None = None) -> Block:
+        """A block as the template was; `zeros` gives its memory."""
+        memory = zeros(self.size, dtype=np.uint8)
+        memory[: self.copied] = self.image
+        words, base = memory[: self.copied].view(np.int64), address_of(memory)
+        at, to = self._inner
+        words[at] = base + to
+        if outer is not None and self._outer_words is not None:
+            at, to = self._outer_words
+            words[at] = outer.base + to
+        return Block(self, memory, base)
+
+
+class Block:
+    """The memory of one run."""
+
+    def __init__(self, plan: BlockPlan, memory: np.ndarray, base: int):
+        self.plan, self.memory, self.base = plan, memory, base
+
+    def view(self, array: np.ndarray) -> np.ndarray:
+        """The array that has in this block the place of one of the template."""
+        if array.size == 0:
+            return array
+        known = self.plan.known.get(id(array))
+        if known is None:
+            place = self.plan.place(address_of(array))
+            assert place >= 0, "not in the block"
+            # With the array, whose id nothing else has as long as it is there.
+            known = self.plan.known[id(array)] = place, array.shape, array.dtype, array
+        place, shape, kind, _ = known
+        return np.ndarray(shape, kind, self.memory, place)
+
+    def struct(self, ffi: Any, struct: Any) -> Any:
+        """The struct that has the place of one of the template, which keeps the memory."""
+        known = self.plan.known.get(id(struct))
+        if known is None:
+            place, kind = self.plan.place(int(ffi.cast("uintptr_t", struct))), ffi.typeof(struct)
+            if kind.kind == "array":
+                kind = ffi.typeof(ffi.getctype(kind.item, "[]"))
+            end = place + len(ffi.buffer(struct))
+            known = self.plan.known[id(struct)] = place, end, kind, struct
+        place, end, kind, _ = known
+        return ffi.from_buffer(kind, self.memory[place:end])
