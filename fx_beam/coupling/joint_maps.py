@@ -9,6 +9,7 @@ import scipy.sparse
 
 from fx_beam.fem.compiled_points import CompiledPoints
 from fx_beam.fem.sparsity import starts_of
+from fx_beam.shallow_copy import shallow_copy
 
 from .graph import Couplings
 from .joints_in_c import JointsInC
@@ -30,10 +31,9 @@ class JointMaps:
         self._entries = joints.couplings.all_entries
         self._maps: dict[Any, Any] = {}
 
-    def of(self, joints: JointsInC, compiled_points: CompiledPoints) -> JointMaps:
-        """The same of other joints."""
-        other = object.__new__(JointMaps)
-        other.__dict__.update(self.__dict__)
+    def on(self, joints: JointsInC, compiled_points: CompiledPoints) -> JointMaps:
+        """The maps of joints of another scene with this structure."""
+        other = shallow_copy(self)
         other._joints, other._compiled_points, other._maps = joints, compiled_points, {}
         return other
 

@@ -16,6 +16,7 @@ from fx_beam.fem.scene_data import Arm
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.results.state import MACROS
 from fx_beam.scene.scene import Scene
+from fx_beam.shallow_copy import shallow_copy
 
 from .graph import Auxiliaries, Couplings
 from .reduced_tangent import columns_of_slides
@@ -108,19 +109,19 @@ class JointsInC:
     @property
     def memory(self) -> tuple[list, list[np.ndarray]]:
         """Structs and arrays that change, for a `BlockPlan`."""
-        structs, arrays = [], [self.arms, self.gears]
+        structs: list = []
+        arrays = [self.arms, self.gears]
         if not self.couplings.is_selection:
             own_structs, own_arrays = self.configuration.memory
             structs, arrays = structs + own_structs, arrays + own_arrays
         return structs, arrays
 
-    def of(self, block: Any) -> JointsInC:
-        """The same in a block."""
-        other = object.__new__(JointsInC)
-        other.__dict__.update(self.__dict__)
+    def in_block(self, block: Any) -> JointsInC:
+        """Joints whose numbers and configuration are in the block of a run."""
+        other = shallow_copy(self)
         other.arms, other.gears = block.view(self.arms), block.view(self.gears)
         if "configuration" in self.__dict__:
-            other.__dict__["configuration"] = self.configuration.of(block)
+            other.configuration = self.configuration.in_block(block)
         return other
 
     @cached_property
@@ -191,10 +192,9 @@ class Configuration:
             structs.append(self._ffi.cast(f"Slider(*)[{count}]", self._c.sliders.slider)[0])
         return structs, [*self._state, self._scratch, self.following]
 
-    def of(self, block: Any) -> Configuration:
-        """The same in a block."""
-        other = object.__new__(Configuration)
-        other.__dict__.update(self.__dict__)
+    def in_block(self, block: Any) -> Configuration:
+        """The configuration of a run."""
+        other = shallow_copy(self)
         other._c = block.struct(self._ffi, self._c)
         other._state = tuple(map(block.view, self._state))
         other.D, other.z = block.view(self.D), block.view(self.z)

@@ -16,6 +16,7 @@ import scipy.sparse
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.compiled_points import CompiledPoints
 from fx_beam.laws.rates import UpdateRule
+from fx_beam.shallow_copy import shallow_copy
 
 from .graph import Auxiliaries, Couplings
 from .joint_maps import JointMaps
@@ -37,6 +38,8 @@ class Reduction:
 
     #: Why no step can begin here; empty if it can.
     singularity = ""
+    # The reduction of the program, which has the tables of the tangent for its runs.
+    _pattern: Reduction | None = None
 
     def __init__(
         self,
@@ -65,19 +68,21 @@ class Reduction:
         #: Small changes at the last configuration.
         self.maps = JointMaps(self.joints, compiled_points)
 
-    def of(self, compiled_points: CompiledPoints, block: Any) -> Reduction:
-        """The same in a block."""
-        self.tangent  # noqa: B018  # one table for all
-        other = object.__new__(Reduction)
-        other.__dict__.update(self.__dict__)
-        other._compiled_points, other.singularity = compiled_points, ""
-        other.joints = self.joints.of(block)
-        other.maps = self.maps.of(other.joints, compiled_points)
+    def in_block(self, block: Any, compiled_points: CompiledPoints) -> Reduction:
+        """The reduction of a run, whose joints are in its block."""
+        other = shallow_copy(self)
+        other._pattern, other._compiled_points, other.singularity = self, compiled_points, ""
+        other.joints = self.joints.in_block(block)
+        other.maps = self.maps.on(other.joints, compiled_points)
         return other
 
-    @cached_property
+    @property
     def tangent(self) -> ReducedTangent:
         """How the reduced tangent is made of the full one."""
+        return self._tangent if self._pattern is None else self._pattern.tangent
+
+    @cached_property
+    def _tangent(self) -> ReducedTangent:
         return reduced_tangent(
             *(self.couplings, self.auxiliaries, self.sliders, self.loops),
             *(self._compiled_points.points.columns, self._matrix, self._used()),
@@ -85,7 +90,7 @@ class Reduction:
 
     def forget_tangent(self) -> None:
         """Free the tables of the tangent of a large scene, which are found again if asked for."""
-        self.__dict__.pop("tangent", None)
+        self.__dict__.pop("_tangent", None)
 
     # -- A step -----------------------------------------------------------------------------------
 

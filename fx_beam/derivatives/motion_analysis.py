@@ -25,7 +25,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.measured import Measured
 from fx_beam.scene.scene import Scene
-from fx_beam.step.model import Model, massless_dofs, once
+from fx_beam.step.model import Model, fact, massless_dofs
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
@@ -69,17 +69,20 @@ class MotionAnalysis(Analysis):
         # Functions of the user's, which have read a scene before, may take plain floats alone.
         plain = callable(self._start) or any(map(callable, self.outputs.values()))
         run: Run = self.parameters.scenes.serve(x, self._begun, not plain)
-        read = self._series.finished(run, lambda: self._rows_of(run) or run.solution())
+        try:
+            rows = run.take_steps(lambda: self._rows_of(run) or run.solution())
+        except BaseException:
+            self._series.is_kept = True  # by the error, which has a solution
+            raise
         self.parameters.stats = run.prepared.stats
-        lock = run.prepared.model.lock  # alone: a run has all its rows
-        self.parameters.using = lambda: lock
         if self._series.tape is not None:
             self._series.tape.last = run.recorder.end
-        if isinstance(read, Solution):
-            self.t = read.t
-            return self.t, self.read(read)
+        if isinstance(rows, Solution):
+            self.t = rows.t
+            self._series.is_kept = any(map(callable, self.outputs.values()))
+            return self.t, self.read(rows)
         self._last_run, self.t = run, run.recorder.t
-        return self.t.copy(), read
+        return self.t.copy(), rows
 
     def _begun(self, x: Any) -> Run:
         """A run of the scene of x that is to take its steps."""
@@ -147,8 +150,7 @@ class MotionAnalysis(Analysis):
         if self.path is not None and not why_not(self.path):
             derivatives = self.parameters.derivatives
             lines = [measured for measured in self.measured if measured.law_quantity == "pull"]
-            with self.path.in_use():
-                start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
+            start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
         first = self._options.dt if self._options.tolerance is None else tape.times.first_length
         accelerations = self._accelerations_by_x(first)
         numbers_of = functools.partial(self._numbers_of, tape, first, start, accelerations)
@@ -178,7 +180,7 @@ class MotionAnalysis(Analysis):
         numbers_of = functools.partial(self._numbers_of_steps, tape, short, None, False)
         changes = self.parameters.derivatives(lambda scene, change: numbers_of(scene, change)[2])
         rates = derivatives.jvp(tape, changes, np.ones(1, int))["v"][0]
-        return np.where(once(model, massless_dofs), 2, 1) * rates / short  # those are means
+        return np.where(fact(model, massless_dofs), 2, 1) * rates / short  # those are means
 
     def _numbers_of_steps(
         self, tape: Tape, first: float, start: Any, at_start: bool, scene: Scene, change: Any
@@ -227,7 +229,7 @@ class MotionAnalysis(Analysis):
         numbers |= observed_numbers_of(other.model, other.model.data, state, *rates, needs.start)
         if a_by_x is not None and isinstance(change, Dual):
             # Nodes without mass have none by definition, but those that others carry.
-            has = ~once(other.model, massless_dofs) | (state.a != 0)
+            has = ~fact(other.model, massless_dofs) | (state.a != 0)
             numbers["a"] = Dual(state.a, a_by_x.T * has[:, None])
         return numbers
 

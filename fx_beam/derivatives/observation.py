@@ -14,7 +14,7 @@ from fx_beam.scene.outputs import is_section_force
 from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.layout import Arrays
-from fx_beam.step.model import Model, once, sizes_of
+from fx_beam.step.model import Model, fact, sizes_of
 from fx_beam.step.sub_step_times import Steps
 from fx_beam.step.tape import Tape
 
@@ -125,7 +125,7 @@ class Observation:
     @property
     def _sizes(self) -> Mapping[str, tuple[int, int]]:
         model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
-        sizes_of_state = once(model, sizes_of)
+        sizes_of_state = fact(model, sizes_of)
         columns, joints = sizes_of_state["constraints"], 3 * sizes_of_state["joints"]
         sizes = {name: (n, width) for name, width in self._tape.widths.items()}
         sizes |= {name: (n, len(entries)) for name, entries in self._entries.items()}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from threading import RLock
 from typing import Any, Generic, TypeVar
 
@@ -36,8 +35,6 @@ def one_call(method: _Method) -> _Method:
             parameters, subject = self._parameters, f"{type(self).__name__}.{name}"
             expected = "called after run(x) without an error"
             require(len(parameters.x) > 0, subject, f"no {parameters.gives} yet", expected)
-            with parameters.using():
-                return method(self, *arguments, **named)
         return method(self, *arguments, **named)
 
     return one_thread(call)  # type: ignore[return-value]
@@ -63,8 +60,6 @@ class Parametrised(Generic[_Besides]):
         #: What a call gives, for messages.
         self.gives = gives
         self.alone, self._array_calls = RLock(), ArrayCalls()
-        #: A block with the numbers of the last call, in which derivatives are found.
-        self.using: Callable[[], AbstractContextManager[Any]] = nullcontext
         #: Arguments of `build` after x.
         self.more: tuple[float, ...] = ()
         #: The parameters of the last call; empty until it succeeds.

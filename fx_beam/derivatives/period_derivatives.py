@@ -159,8 +159,7 @@ class PeriodDerivatives:
                 f"{WHAT}: an amplitude about a state has derivatives if motion(scene) computes "
                 "this by static(scene). Or give the energy"
             )
-        with path.in_use():
-            end = StaticDerivatives(path).change_of_end(self._parameters.derivatives, WHAT)
+        end = StaticDerivatives(path).change_of_end(self._parameters.derivatives, WHAT)
         return end.node_changes[:, cycle.held]
 
     def _energy_by_x(self) -> np.ndarray:

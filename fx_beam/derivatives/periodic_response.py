@@ -168,15 +168,12 @@ class PeriodicAnalysis(Analysis):
             parameters.more = (cycle.period.parameter,)
             parameters.take(x)
         self._shooting = Shooting(parameters.scene, cycle.options, self._series.prepare)
-        try:
-            ok = len(cycle.period.start.q) == self._shooting.model.size
-            require(ok, f"{WHAT}: motion", motion, "that of the scene, or of the build, given")
-            #: The motion; its parameter is its length here.
-            self._period = cycle.period._replace(parameter=cycle.period.length)
-            solution = self._shooting.solution(self._period)
-        finally:
-            self._series.give_back(self._shooting.prepared)
-        parameters.using = lambda: self._shooting.model.lock
+        ok = len(cycle.period.start.q) == self._shooting.model.size
+        require(ok, f"{WHAT}: motion", motion, "that of the scene, or of the build, given")
+        #: The motion; its parameter is its length here.
+        self._period = cycle.period._replace(parameter=cycle.period.length)
+        solution = self._shooting.solution(self._period)
+        self._series.is_kept = any(map(callable, self.outputs.values()))
         parameters.stats, self.t = solution.stats, solution.t[1:]
         return self.t.copy(), self.read(solution)
 

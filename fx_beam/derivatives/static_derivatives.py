@@ -19,9 +19,9 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.measured import Measured
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
-from fx_beam.step.model import once, sizes_of
+from fx_beam.step.model import fact, sizes_of
 from fx_beam.step.numbers import data_of
-from fx_beam.step.tables import Problem
+from fx_beam.step.tables import problem_of
 from fx_beam.step.tangent_storage import ProblemKind
 from fx_beam.step.tape import static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
@@ -61,8 +61,7 @@ def why_no_sums(path: LoadPath | None) -> dict[str, str]:
     if path is None or why_not(path):  # nothing came before, or differences have it
         return {}
     model = path.model
-    with path.in_use():
-        reasons = {"work": why_no_work(model)}
+    reasons = {"work": why_no_work(model)}
     if model.forms.dissipate:
         lossless = why_no_losses(model)
         reasons["dissipated_energy"] = lossless and f"where {lossless}"
@@ -85,8 +84,7 @@ class StaticDerivatives:
         if not path.from_rest:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
-        make = Problem if model.program is None else Problem.of
-        problem = make(model, ProblemKind())
+        problem = problem_of(model, ProblemKind())
         holding_forces = path.held if path.from_rest else 0 * path.held
         if holding_forces.any():
             columns, dofs, _, _ = model.couplings.free_columns
@@ -146,7 +144,7 @@ class StaticDerivatives:
             is_force = name in ("constraints", "joints")
             rows[name] = values[observed.sub_steps if is_force else observed.boundaries]
         outputs_at_end = observed.jvp(rows, changes, {name: np.zeros(count) for name in sums})
-        at_end["line_forces"] = np.zeros((count, once(self.model, sizes_of)["lines"]))
+        at_end["line_forces"] = np.zeros((count, fact(self.model, sizes_of)["lines"]))
         for pull in pulls:
             number = pull.place.number
             at_end["line_forces"][:, number] = outputs_at_end[str(number)][0]

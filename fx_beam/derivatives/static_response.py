@@ -169,7 +169,6 @@ class StaticAnalysis(Analysis):
         self._path.warns = all(measured.name != CRITICAL_LOAD for measured in self.measured)
         self._solution = solution = self._path.followed()
         self.parameters.stats, self.t = solution.stats, solution.t
-        self.parameters.using = self._path.in_use
         return solution.load_factor, self.read(solution)
 
     def of_single(self) -> np.ndarray:

@@ -11,10 +11,10 @@ from fx_beam.dual import Dual
 from fx_beam.equilibria.statics import path_of
 from fx_beam.errors import check_takes, require
 from fx_beam.linear.linearisation import Linearisation, linearised
-from fx_beam.motions.set_ups import Lease
 from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
+from fx_beam.step.model import Model
 
 from .parametrised import Parametrised
 from .static_derivatives import StateChange, StaticDerivatives
@@ -41,7 +41,7 @@ class TangentAnalysis:
         self._state, self._damped = state, damped
         #: The linearised scene of the last call.
         self.linear: Linearisation
-        self._models: dict[str, Lease] = {}
+        self._models: dict[str, Model] = {}
         self._tangent = TangentDerivatives(caller)
         self._changes: dict[str, np.ndarray] | None = None
 
@@ -79,8 +79,7 @@ class TangentAnalysis:
             start: StateChange | None = None
             derivatives = self.parameters.derivatives
             if self._path is not None and self.linear.model.kinks.flows:
-                with self._path.in_use():
-                    start = StaticDerivatives(self._path).change_of_end(derivatives, self._caller)
+                start = StaticDerivatives(self._path).change_of_end(derivatives, self._caller)
             self._changes = derivatives(functools.partial(self._tangent.numbers_of, start=start))
         return self._changes
 

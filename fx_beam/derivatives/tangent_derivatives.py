@@ -106,7 +106,10 @@ class TangentDerivatives:
         # Whether the state follows from x by r = 0; where something flows, it follows from all load
         # steps before.
         self._state_follows = state is not None and not linear.model.kinks.flows
-        self._linear, self._steps = linear, TangentSteps(linear, self._factor, damped)
+        self._linear, self._steps = (
+            linear,
+            TangentSteps(linear, self._factor, damped, self._problem),
+        )
         problem = self._steps.problem
         if problem is not self._problem:
             self._derivatives = TapeDerivatives(problem)

@@ -11,7 +11,7 @@ from fx_beam.linear.linearisation import Linearisation
 from fx_beam.scene.law import switches
 from fx_beam.scene.structure import expressions_of
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.tables import Problem
+from fx_beam.step.tables import Problem, problem_of
 from fx_beam.step.tangent_storage import ProblemKind
 from fx_beam.step.tape import Tape, repeated, static_tape
 
@@ -49,9 +49,14 @@ class Steps(NamedTuple):
 
 
 class TangentSteps:
-    """Steps from the state of a linearised scene, at a load factor."""
+    """Steps from the state of a linearised scene, at a load factor.
 
-    def __init__(self, linear: Linearisation, factor: float, damped: bool):
+    By the problem in C of the `last` call, if the models are the same with other numbers.
+    """
+
+    def __init__(
+        self, linear: Linearisation, factor: float, damped: bool, last: Problem | None = None
+    ):
         self._linear, self._start, self._factor = linear, linear.start, factor
         #: Sizes (free,) of motions of all unknowns by the size of the scene, or by a radian.
         self.unit = linear.model.units.unknowns[linear.unknowns]
@@ -74,7 +79,11 @@ class TangentSteps:
         self._factors = [0.0, 1.0] if unloaded else [factor]
         # Forces that depend on rates, without inertia.
         kind = ProblemKind(turns=linear.frame is not None, inert=False)
-        self.problem = Problem.of(model, kind)
+        if last is not None and last.model is model and last.kind == kind:
+            last.restart()  # with the numbers of this scene
+        else:
+            last = problem_of(model, kind)
+        self.problem = last
         self.problem.set_frame(linear.frame)
         self.forcing = LoadForcing(model, linear.start.t)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import scipy.linalg
 import scipy.sparse
@@ -98,7 +96,7 @@ def buckling(
     path = LoadPath(scene, StaticOptions(what="buckling", t=t), state)
     if state is not None:
         _check_state(state, path.model)
-    return path.finished(partial(_modes, path, n))
+    return _modes(path, n)
 
 
 def _modes(path: LoadPath, n: int) -> BucklingModes:

@@ -77,9 +77,6 @@ class LoadPath(PathSteps):
 
     def followed(self) -> Solution:
         """The whole path. An exception has the solution of the steps before it."""
-        return self.finished(self._followed)
-
-    def _followed(self) -> Solution:
         self._clock = time.perf_counter()
         bar = progress_bar(1.0, self.options.progress, bar_format=_BAR)
         self.states = states = _States(bar)
@@ -116,9 +113,6 @@ class LoadPath(PathSteps):
 
     def first_order(self) -> Solution:
         """The solution by small displacements about the reference."""
-        return self.finished(self._first_order)
-
-    def _first_order(self) -> Solution:
         if self.model.mechanism:
             raise SceneError(f"{self.model.mechanism}: it has no first-order equilibrium")
         self._clock = time.perf_counter()
@@ -161,7 +155,7 @@ class LoadPath(PathSteps):
         return solution
 
     def _read(self, name: str, states: list[State]) -> Any:
-        with self.in_use():
+        with self.model.lock:
             stability = self.stability(states, lambda state: self._solution([state]))
             return getattr(stability, name)()
 

@@ -18,6 +18,7 @@ from fx_beam.scene.loads import PARTS_OF_DRAG, VirtualWork, damping_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section, values_along
 from fx_beam.scene.structure import OtherStructureError
+from fx_beam.shallow_copy import shallow_copy
 
 from .assembly import Field, Space, Term
 from .form_library import CompiledForm
@@ -210,27 +211,25 @@ class BeamData:
         #: Functions that change: the first in every iteration, the others in every step. They are
         #: numbered as the kinds of coefficients in problem.h; None is missing.
         self.moving: list[Any] = [named.get(name) for name in (*NODAL, "internal", *NATURAL)]
-        self.bind(numbers)
+        self.set_numbers(numbers)
 
-    def bind(self, numbers: Mapping[str, MaybeDual]) -> None:
+    def set_numbers(self, numbers: Mapping[str, MaybeDual]) -> None:
         """Set the data (cells, points, ...) of sections and of drag."""
-        self.named["load_factor"][...] = 1.0
         for name, values in numbers.items():
             self.named[name].array[:] = floats(values).ravel()
 
-    def of(
+    def on(
         self, mesh: Mesh, parameters: ParameterValues, numbers: Mapping[str, MaybeDual]
     ) -> BeamData:
-        """Those of another scene."""
-        other = object.__new__(BeamData)
-        other.__dict__.update(self.__dict__)
+        """The data of another scene with this structure."""
+        other = shallow_copy(self)
         other.mesh, other._parameters = mesh, parameters
         other.named = named = dict(self.named)
         for name in (*CONSTANTS, "parameters"):
             named[name] = self.named[name].copy()
         for name in numbers:
             named[name] = Field(self.named[name].space)
-        other.bind(numbers)
+        other.set_numbers(numbers)
         return other
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.law import frozen, functions_of_energy
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
+from fx_beam.shallow_copy import shallow_copy
 
 from .assembly import Term
 from .beam_data import LOSSES, BeamData, Kind, StepFacts, distinct, shapes_of
@@ -56,6 +57,9 @@ class BeamForms:
     them, as in an instant.
     """
 
+    # Data of the program, with the mesh and the parameters of this run.
+    _pattern: tuple[BeamData, Mesh, ParameterValues]
+
     def __init__(
         self,
         scene: Scene,
@@ -82,9 +86,9 @@ class BeamForms:
             parameters.check_constant(parameter.name, f"{scheme.name}: damping")
         parameters.add_energies(facts.energy_names)
         #: What they read.
-        self.data: BeamData = BeamData(scene, mesh, self.kind, facts, numbers, tags, parameters)
+        self.data = BeamData(scene, mesh, self.kind, facts, numbers, tags, parameters)
         #: Forms of a step on the mesh by name.
-        self.bound: dict[str, Term] = self._placed(step)
+        self.bound = self._placed(step)
         #: Names of these.
         self.names = [*self.bound]
         self._terms: dict[tuple[str, ...], dict[str, Term]] = {}
@@ -99,28 +103,38 @@ class BeamForms:
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = len(tags), self.kind.degree, facts.width
 
-    def of(
-        self, mesh: Mesh, parameters: ParameterValues, numbers: Mapping[str, MaybeDual]
-    ) -> BeamForms:
-        """Those of another scene; what Python evaluates is made when it is first asked for."""
-        other = object.__new__(BeamForms)
-        other.__dict__.update(self.__dict__)
+    def on(self, mesh: Mesh, parameters: ParameterValues) -> BeamForms:
+        """The forms of another scene with this structure; `set_numbers` is to follow.
+
+        What Python evaluates is made when it is first asked for: C has numbers of its own.
+        """
+        other = shallow_copy(self)
+        other._terms, other._pattern = {}, (self.data, mesh, parameters)
         for name in ("data", "bound"):
-            other.__dict__.pop(name, None)
-        other._terms = {}
-        other._later = self.data, mesh, parameters, numbers
+            del other.__dict__[name]
         return other
 
-    def __getattr__(self, name: str):
-        if name == "data":
-            first, *others = self.__dict__["_later"]
-            value: Any = first.of(*others)
-        elif name == "bound":
-            value = self._placed(self._compiled())
-        else:
-            raise AttributeError(name)
-        self.__dict__[name] = value
-        return value
+    def set_numbers(self, numbers: Mapping[str, MaybeDual]) -> None:
+        """Set the data (cells, points, ...) of sections and of drag."""
+        self._numbers = numbers
+        if "data" in self.__dict__:
+            self.data.set_numbers(numbers)
+
+    def set_load(self, factor: float) -> None:
+        """Set the load factor of virtual works in forms that Python evaluates; 1 at first."""
+        if factor != 1.0 or "data" in self.__dict__:
+            self.data.named["load_factor"][...] = factor
+
+    @cached_property
+    def data(self) -> BeamData:
+        """Fields and arrays that the forms read."""
+        pattern, mesh, parameters = self._pattern
+        return pattern.on(mesh, parameters, self._numbers)
+
+    @cached_property
+    def bound(self) -> dict[str, Term]:
+        """The forms of a step on the mesh, by name."""
+        return self._placed(self._compiled())
 
     def _compiled(self) -> FormModule:
         try:

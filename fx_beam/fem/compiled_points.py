@@ -12,6 +12,7 @@ from fx_beam import c_library
 from fx_beam.c_library import Structs
 from fx_beam.dual import floats
 from fx_beam.laws.interval import Interval, StepBatch
+from fx_beam.shallow_copy import shallow_copy
 
 from .compiled_laws import LIBRARY
 from .point_forces import PointForces
@@ -78,20 +79,18 @@ class CompiledPoints:
             arrays.append(results[0].base if results[0].base is not None else results[0])
         return structs, arrays
 
-    def of(self, points: PointForces, block: Any) -> CompiledPoints:
-        """Those of another scene, in a block."""
-        other = object.__new__(CompiledPoints)
-        other.__dict__.update(self.__dict__)
+    def in_block(self, block: Any, points: PointForces) -> CompiledPoints:
+        """The struct in the block of a run, with the points there."""
+        other = shallow_copy(self)
         other.points, other._load_increment = points, 0.0
         if points.any:
             other._all = block.struct(self._ffi, self._all)
             other.address = int(self._ffi.cast("uintptr_t", other._all))
-            other.bind()
         points.parameters.add_reader(other.set_parameters)
         return other
 
-    def bind(self) -> None:
-        """Read what forces have besides their numbers."""
+    def set_axes(self) -> None:
+        """Set the axes of joints whose forces limit friction."""
         for i, placed in enumerate(self.points.placed):
             if placed.force.load.joint >= 0:
                 self._all.of[i].load_axis = placed.force.load.axis

@@ -14,6 +14,7 @@ from fx_beam.laws.point_laws import StepRule
 from fx_beam.laws.rates import NodalRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.scene import Scene
+from fx_beam.shallow_copy import shallow_copy
 
 from .beam_data import check_shapes
 from .beam_forms import BeamForms
@@ -107,29 +108,24 @@ class Forms:
         if self.beams is not None:
             check_shapes(self.beams.kind, data.beams)
 
-    def bind(self, data: FormData) -> None:
-        """Set all numbers, with the mesh, and begin anew."""
-        self.parameters.bind(data.parameters)
-        self.points.bind(data.forces, data.followers)
-        self.compiled_points.bind()
-        if self.points.members is not None:
-            self.points.members.bind(data.pairs)
+    def in_block(self, block: Any, mesh: Mesh) -> Forms:
+        """Forces whose numbers are in the block of a run; `set_numbers` is to follow."""
+        other = shallow_copy(self)
+        other.parameters = parameters = self.parameters.in_block(block)
+        other.points = self.points.in_block(block, parameters, mesh)
+        other.compiled_points = self.compiled_points.in_block(block, other.points)
         if self.beams is not None:
-            self.beams.data.bind(data.beams)
-        self.set_load(1.0)
-
-    def of(self, data: FormData, mesh: Mesh, block: Any) -> Forms:
-        """The forces of another scene, whose numbers are in a block."""
-        other = object.__new__(Forms)
-        other.__dict__.update(self.__dict__)
-        other.parameters = parameters = self.parameters.of(data.parameters, block)
-        other.points = self.points.of(data, parameters, mesh, block)
-        other.compiled_points = self.compiled_points.of(other.points, block)
-        parameters.use(parameters.at(0.0))
-        if self.beams is not None:
-            other.beams = self.beams.of(mesh, parameters, data.beams)
-        other.compiled_points.set_load(1.0, 0.0)
+            other.beams = self.beams.on(mesh, parameters)
         return other
+
+    def set_numbers(self, data: FormData) -> None:
+        """Set all numbers, with the mesh, and begin anew."""
+        self.parameters.set_functions(data.parameters)
+        self.points.set_numbers(data)
+        self.compiled_points.set_axes()
+        if self.beams is not None:
+            self.beams.set_numbers(data.beams)
+        self.set_load(1.0)
 
     # -- A step ---------------------------------------------------------------------------------
 
@@ -137,7 +133,7 @@ class Forms:
         """Set the load factor of external forces and of virtual works."""
         self.compiled_points.set_load(factor, 0.0)
         if self.beams is not None:
-            self.beams.data.named["load_factor"][...] = factor
+            self.beams.set_load(factor)
 
     def begin(self, interval: Interval, start: StepBatch) -> StepForces:
         """The forces of a step that begins, by the arrays of one step."""

@@ -13,6 +13,7 @@ from fx_beam.dual import MaybeDual, dual_array, dual_of, floats, linear
 from fx_beam.errors import all_of, any_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
+from fx_beam.shallow_copy import shallow_copy
 
 from .beam_data import distinct, section_data
 from .loads import LoadedBeams, element_rule
@@ -143,20 +144,16 @@ class Mass:
         if ((self.matrix.data != 0) != (floats(numbers["mass"]) != 0)).any():
             raise OtherStructureError("other nodes have mass")
 
-    def bind(self, numbers: dict[str, MaybeDual]) -> None:
+    def set_numbers(self, numbers: dict[str, MaybeDual]) -> None:
         """Set mass and weight."""
         self.matrix.data = floats(numbers["mass"])
         if "weight" in numbers:
             self.weight = floats(numbers["weight"])
 
-    def of(self, numbers: dict[str, MaybeDual], mesh: Mesh) -> Mass:
-        """The masses of another scene."""
-        other = object.__new__(Mass)
-        other.__dict__.update(self.__dict__)
-        other._mesh = mesh
-        other.matrix = object.__new__(type(self.matrix))
-        other.matrix.__dict__.update(self.matrix.__dict__)
-        other.bind(numbers)
+    def on(self, mesh: Mesh) -> Mass:
+        """The masses of another scene with this structure; `set_numbers` is to follow."""
+        other = shallow_copy(self)
+        other._mesh, other.matrix = mesh, shallow_copy(self.matrix)
         return other
 
     def name(self, scene: Scene, at_rest: bool) -> None:

@@ -21,6 +21,7 @@ from fx_beam.scene.coordinate import friction_numbers, numbers_of_loss
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
+from fx_beam.shallow_copy import shallow_copy
 
 from .compiled_laws import LIBRARY, PointFunction, compiled_laws
 from .mesh import Mesh
@@ -224,15 +225,13 @@ class MemberContacts:
         arrays += [c_library.array_at(ffi, row.arc, len(pair.arc)) for row, pair in pairs]
         return [c, rows], arrays
 
-    def of(self, pairs: list[MemberPair], mesh: Mesh, block: Any) -> MemberContacts:
-        """Those of another scene, in a block."""
-        other = object.__new__(MemberContacts)
-        other.__dict__.update(self.__dict__)
+    def in_block(self, block: Any, mesh: Mesh) -> MemberContacts:
+        """Contact whose numbers are in the block of a run; `set_numbers` is to follow."""
+        other = shallow_copy(self)
         other._mesh, other.c = mesh, block.struct(self.ffi, self.c)
         other._numbers = [*map(block.view, self._numbers)]
         other._reference = block.view(self._reference)
         other._freed = self.ffi.gc(other.c, self.library.fx_free_members)
-        other.bind(pairs)
         return other
 
     def check_pairs(self, pairs: list[MemberPair]) -> None:
@@ -244,7 +243,7 @@ class MemberContacts:
         if kinds != own_kinds:
             raise OtherStructureError("other members touch")
 
-    def bind(self, pairs: list[MemberPair]) -> None:
+    def set_numbers(self, pairs: list[MemberPair]) -> None:
         """Set the numbers of pairs of the same kinds, with the mesh; forget the last run."""
         self.pairs = pairs
         for i, pair in enumerate(pairs):

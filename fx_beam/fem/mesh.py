@@ -97,19 +97,10 @@ class Mesh:
         beams = " and ".join(map(repr, names))
         return f"node {node} at ({x:g}, {y:g})" + (beams and f" of {beams}")
 
-    def bind(self, X: np.ndarray) -> None:
+    def move(self, X: np.ndarray) -> None:
         """Move the nodes to X (n, 2); arrays that were read from here keep their values."""
         if not all_of(X == self.X):
             self._set_positions(X)
-
-    def at(self, X: np.ndarray) -> Mesh:
-        """This mesh with nodes at X (n, 2): itself if they are there."""
-        if all_of(X == self.X):
-            return self
-        moved = object.__new__(Mesh)
-        moved.__dict__.update(self.__dict__)
-        moved._set_positions(X)
-        return moved
 
     def positions_of(self, scene: Scene) -> MaybeDual:
         """X (n, 2) [m] of a scene with these nodes; of straight elements with slopes."""

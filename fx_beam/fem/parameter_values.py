@@ -12,6 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.scene.functions import Signal, evaluate
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
+from fx_beam.shallow_copy import shallow_copy
 
 
 class ParameterFunctions:
@@ -54,34 +55,22 @@ class ParameterValues:
         self._readers: list[Callable[[np.ndarray], None]] = []
         #: Whether stored energies depend on values that vary.
         self.energies_vary = False
-        self.bind(signals)
+        self.set_functions(signals)
 
-    def bind(self, signals: ParameterFunctions) -> None:
-        """Have the values of the same parameters of another scene."""
+    def set_functions(self, signals: ParameterFunctions) -> None:
+        """Take the values of the same parameters of a scene, by their functions of time."""
         self.signals, self._held = signals, False
         if self.names:
             self.use(self.at(0.0))
 
-    def of(self, signals: ParameterFunctions, block: Any) -> ParameterValues:
-        """Those of another scene, in a block; what reads them is to be added."""
-        other = object.__new__(ParameterValues)
-        other.__dict__.update(self.__dict__)
+    def in_block(self, block: Any) -> ParameterValues:
+        """Parameters whose values are in the block of a run; readers are to be added."""
+        other = shallow_copy(self)
         other.values, other._readers = block.view(self.values), []
-        other.signals, other._held = signals, False
         return other
 
     def __len__(self):
         return len(self.names)
-
-    @property
-    def present(self) -> tuple[np.ndarray, bool]:
-        """The values (n,), and whether they are held."""
-        return self.values.copy(), self._held
-
-    @present.setter
-    def present(self, present: tuple[np.ndarray, bool]) -> None:
-        values, self._held = present
-        self.use(values)
 
     @property
     def functions(self) -> list[Signal]:

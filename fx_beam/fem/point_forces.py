@@ -12,6 +12,7 @@ import scipy.sparse
 
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
+from fx_beam.shallow_copy import shallow_copy
 
 from .loads import Followers
 from .parameter_values import ParameterValues
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from .compiled_laws import CompiledLaw
     from .line_laws import LineLaw
     from .member_contacts import MemberContacts
+    from .mesh import Mesh
+    from .scene_data import FormData
 
 _NO_LINE = {"pieces": 0, "moves": [-1], "length_entries": 0, "others": 0, "level": 0.0}
 
@@ -209,36 +212,34 @@ class PointForces:
         if [*map(_without_numbers, by_role(forces))] != own_forces:
             raise OtherStructureError("forces at points are of other kinds")
 
-    def bind(self, forces: Sequence[PointForce], followers: Followers) -> None:
-        """Set the numbers of all forces."""
-        self.followers, old = followers, self.placed
-        if not old:
+    def set_numbers(self, data: FormData) -> None:
+        """Set the numbers of all forces, and of contact with members."""
+        self.followers = data.followers
+        if self.members is not None:
+            self.members.set_numbers(data.pairs)
+        if not self.placed:
             return
-        self.placed = [x._replace(force=f) for x, f in zip(old, by_role(forces), strict=True)]
+        pairs = zip(self.placed, by_role(data.forces), strict=True)
+        self.placed = [placed._replace(force=force) for placed, force in pairs]
         for placed in self.placed:
             placed.numbers[:] = placed.force.numbers
 
-    def of(self, data: Any, parameters: ParameterValues, mesh: Any, block: Any) -> PointForces:
-        """Those of another scene, whose numbers are in a block."""
-        other = object.__new__(PointForces)
-        other.__dict__.update(self.__dict__)
-        other.followers, other.parameters = data.followers, parameters
+    def in_block(self, block: Any, parameters: ParameterValues, mesh: Mesh) -> PointForces:
+        """Forces whose numbers are in the block of a run; `set_numbers` is to follow."""
+        other, view = shallow_copy(self), block.view
+        other.parameters = parameters
         if self.members is not None:
-            other.members = self.members.of(data.pairs, mesh, block)
-        if not self.placed:
-            return other
-        other.inputs, view = block.view(self.inputs), block.view
-        other.placed = [
-            placed._replace(
-                force=force,
-                given=view(placed.given),
-                numbers=view(placed.numbers),
-                results=view(placed.results),
-            )
-            for placed, force in zip(self.placed, by_role(data.forces), strict=True)
-        ]
-        for placed in other.placed:
-            placed.numbers[:] = placed.force.numbers
+            other.members = self.members.in_block(block, mesh)
+        if self.placed:
+            other.inputs = view(self.inputs)
+            other.placed = [
+                placed._replace(
+                    given=view(placed.given),
+                    numbers=view(placed.numbers),
+                    results=view(placed.results),
+                )
+                for placed in self.placed
+            ]
         return other
 
     def locate_in(self, K: scipy.sparse.csr_matrix) -> None:

@@ -21,6 +21,7 @@ from fx_beam.motions.run import warn_of_parts, warn_of_rounding
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
+from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import NullRecorder, Record, Recorder
 
@@ -116,7 +117,7 @@ class Problem(Steps):
             newton=newton,
             max_halvings=max_halvings,
         )
-        self._prepared = prepared = Prepared(scene, options)
+        self._prepared = prepared = Prepared(Model(scene, options.scheme), options)
         super().__init__(prepared.loop, options.newton, petsc_options, comm)
         #: Length of a step [s].
         self.dt: float = options.dt

@@ -17,7 +17,7 @@ from fx_beam.laws.schemes import Equilibrium, MidPoint
 from fx_beam.motions.initial_state import rates_of_columns, reference_state
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import state_of
-from fx_beam.motions.set_ups import Lease, model_for
+from fx_beam.motions.set_ups import model_for
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
@@ -62,8 +62,8 @@ class Linearisation:
     coriolis: Extended | None
     #: Load factor of forces that depend on rates; 1 without a state.
     factor: float
-    #: Models of an earlier scene by kind, which serve again.
-    models: dict[str, Lease]
+    #: Models by name of a response, which get the numbers of the next scene; else None.
+    models: dict[str, Model] | None
 
     @cached_property
     def T(self) -> scipy.sparse.csr_matrix:
@@ -171,9 +171,8 @@ class Linearisation:
 
         Forces of the mid-point rule are smooth in their increments, for all stored energies.
         """
-        kind = MidPoint(), self.models.get("damped")
-        self.models["damped"] = lease = model_for(self.model.scene, *kind, instant=True)
-        return lease.model
+        kind = MidPoint(), self.models, "damped"
+        return model_for(self.model.scene, *kind, instant=True)
 
     @property
     def has_potential(self) -> bool:
@@ -273,24 +272,22 @@ def linearised(
     scene: Scene,
     state: Solution | None,
     caller: str,
-    models: dict[str, Lease] | None = None,
+    models: dict[str, Model] | None = None,
     is_held: bool = False,
 ) -> Linearisation:
     """Linearise about the last row of a state, or about the reference without loads.
 
     SceneError for a state that is no equilibrium, unless it `is_held`; errors name the `caller`.
-    Models of an earlier scene serve again.
+    Models of a response, by name, get the numbers of this scene.
     """
     check_scene(scene, caller)
     end = state.end if isinstance(state, Solution) else None
     driven_scene = with_values(scene, None if end is None else values_of(end, widths(scene)))
-    models = {} if models is None else models
     # On a yield surface round-off would say whether something flows.
     springs = [coordinate.spring for coordinate in _coordinates(scene) if coordinate.spring]
     flows = any(law.internal for law in [*springs, *(beam.section for beam in scene.beams)])
     kind = {"mobile": True} | ({"instant": True} if flows else {})
-    models["plain"] = lease = model_for(driven_scene, Equilibrium(), models.get("plain"), **kind)
-    model: Model = lease.model
+    model = model_for(driven_scene, Equilibrium(), models, "plain", **kind)
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
         factor, start = _last(model, state, caller)

@@ -13,7 +13,7 @@ from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.prepared import state_of
-from fx_beam.motions.set_ups import Lease, model_for
+from fx_beam.motions.set_ups import model_for
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.functions import constant
@@ -62,7 +62,6 @@ class Deviations:
     """M z'' + C z' + K z = 0 for small deviations z of the unknowns and of driven motion."""
 
     model: Model
-    lease: Lease
     held: HeldInputs
     forcing: Forcing
     #: The state, and the rates (columns,) in it.
@@ -104,8 +103,7 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
                 inputs.scene.loads[i] = replace(load, value=constant(0 * load.value(0.0)))
     elif solution.stats.static:
         factor = float(solution.t[-1])
-    lease, frame = model_for(inputs.scene, EnergyMomentum(), instant=True), None
-    model: Model = lease.model
+    model, frame = model_for(inputs.scene, EnergyMomentum(), instant=True), None
     check_unknowns(model, caller)
     forcing = Forcing(model)
     state = reference_state(model)
@@ -149,7 +147,6 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S)
     return Deviations(
         model=model,
-        lease=lease,
         held=inputs,
         forcing=forcing,
         state=state,

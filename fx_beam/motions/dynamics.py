@@ -14,7 +14,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 
-from .motion_series import MotionSeries, present_series
+from .motion_series import simulated
 from .options import Condition, Options, check_scene
 from .progress import attach_partial_result
 
@@ -45,13 +45,13 @@ class ChangingScene:
                 "times, motion=False and forces=False in Record"
             )
 
-    def motion(self, series: MotionSeries, start: Solution | None) -> Solution:
+    def motion(self, start: Solution | None) -> Solution:
         """The motion to its end, in parts between changes."""
         whole: Solution | None = None
         t_end, dt = self._options.t_end, self._options.dt
         while True:
             try:
-                run = series.motion(self._scene, self._options_of_part(), start)
+                run = simulated(self._scene, self._options_of_part(), start)
             except BaseException as stop:
                 if whole is not None:
                     last = getattr(stop, "solution", None)
@@ -239,7 +239,6 @@ def simulate(
     """
     check_scene(scene, "simulate")
     options = Options.among(locals())
-    series = present_series()
     if changes is None:
-        return series.motion(scene, options, start)
-    return ChangingScene(scene, changes, options).motion(series, start)
+        return simulated(scene, options, start)
+    return ChangingScene(scene, changes, options).motion(start)

@@ -56,7 +56,7 @@ def solution_of(
         histories = dict(recorded)
     elif not later:
         recorded.fit()
-    data, time = model.data, None if rest is None else rest.time
+    data = model.data
     spring_rows = histories["spring_internal"] if model.points.width else None
     beams = zip(scene.beams, mesh.cells, strict=True)
     named_beams = {beam.name: (beam, cells) for beam, cells in beams}
@@ -68,7 +68,7 @@ def solution_of(
             beams = model.forms.beams
             assert beams is not None
             check_rates(recorder)
-            with model.reading(data, time):
+            with model.lock:
                 steps = RowSteps(recorder)
                 means.append(steps.means(beams.resultants(steps.batch()))[rows])
         return means[0]
@@ -87,7 +87,7 @@ def solution_of(
             return balances[0]
         from .element_balance import ElementBalance
 
-        with model.reading(data, time):
+        with model.lock:
             if len(a := histories_of(recorder)["a"]) < recorder.rows:
                 raise ValueError(
                     "section forces from the balance of elements need accelerations, which were "
@@ -104,7 +104,7 @@ def solution_of(
 
     def last() -> State:
         state = end()
-        with model.reading(data, time):
+        with model.lock:
             state = state.changed(
                 impact=recorder.first.impact,
                 **recorded.at_end(state.t),

@@ -22,7 +22,7 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.model import Model, massless_dofs, once
+from fx_beam.step.model import Model, fact, massless_dofs
 from fx_beam.step.newton import newton
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
     """
     from fx_beam.step.equations import Equations
 
-    reduction, still, has_mass = model.reduction, np.zeros(model.size), ~once(model, massless_dofs)
+    reduction, still, has_mass = model.reduction, np.zeros(model.size), ~fact(model, massless_dofs)
     shared = reduction.maps.moves(has_mass) & ~moves_alone(model.couplings, has_mass)
     equations = Equations(model, inertia=_LITTLE if shared.any() else 1.0)
     time, level = 1e-9 * dt, model.scheme.rates.level
@@ -130,14 +130,14 @@ def needs_accelerations(model: Model) -> bool:
     read = beams is not None and (beams.facts.needs_rates or beams.facts.resultants_need_rates)
     if read or not has_mean_rates or len(model.scheme.fractions) > 1:
         return True
-    return not moves_alone(model.couplings, ~once(model, massless_dofs)).all()
+    return not moves_alone(model.couplings, ~fact(model, massless_dofs)).all()
 
 
 def finds_accelerations_later(model: Model) -> bool:
     """Whether those at the start need not be known before the run, and depend on no joints."""
     depends_on_state = model.fits_rates or bool(model.data.natural)
     return model.couplings.is_selection and not (
-        depends_on_state or once(model, needs_accelerations)
+        depends_on_state or fact(model, needs_accelerations)
     )
 
 
@@ -168,7 +168,7 @@ class Starts:
         state = reference_state(model) if start is None else start
         if start is None and model.data.natural:
             state.natural = model.data.natural.at(state.t)
-        needed = accelerations or once(model, needs_accelerations)
+        needed = accelerations or fact(model, needs_accelerations)
         state, unbalanced = self._moving(state, needed)
         if unbalanced:
             settled = _settled(model, state, self._loads(state)[0], self._dt)

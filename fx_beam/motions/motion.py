@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from threading import RLock
 from time import perf_counter
 from typing import Any, NamedTuple
-from weakref import finalize
 
 import numpy as np
 
@@ -31,9 +30,8 @@ from fx_beam.step.single_steps import CompiledSingleSteps
 from .evaluation import solution_of
 from .mark import Mark
 from .measurement import Instant, fitted_state, fitted_value, readings
-from .motion_series import present_series
 from .options import MOST_STEPS, Grid, Options, check_scene, grid_from
-from .prepared import Prepared, state_of
+from .prepared import Prepared, prepare, state_of
 
 # Steps for whose rows room is made at once.
 _ROWS = 1024
@@ -275,7 +273,7 @@ class OpenMotion:
 
 
 def one_motion(method: Method) -> Method:
-    """A method for one thread; meanwhile no other one reads solutions of the same set-up."""
+    """A method for one thread; meanwhile no other one reads solutions of the motion."""
 
     @functools.wraps(method)
     def alone(self: Motion, *arguments, **options):
@@ -385,19 +383,16 @@ class Motion:
         outputs = dict(outputs)
         self._arguments = passed | {"scheme": options.scheme, "dt": self._dt, "outputs": outputs}
         held_inputs = HeldInputs(scene)
-        series = present_series()
-        self._prepared = prepared = series.prepare(held_inputs.scene, options)
-        finalize(self, series.give_back, prepared).atexit = False
-        with prepared.model.lock:
-            if start is not None:
-                state = state_of(prepared.model, start)
-                held_inputs.resume(prepared.forcing, state)
-            self._open = OpenMotion(prepared, held_inputs, self._dt, record)
-            every = record is not None and record.rates and record.every == 1
-            last_row = self._open.last_row if every else None
-            self._readings = readings(prepared, self._open.value, outputs, last_row)
-            state = prepared.first_state(self._dt, start)
-            self._open.begin(state, np.zeros(prepared.model.size), grid_from(state.t, self._dt))
+        self._prepared = prepared = prepare(held_inputs.scene, options)
+        if start is not None:
+            state = state_of(prepared.model, start)
+            held_inputs.resume(prepared.forcing, state)
+        self._open = OpenMotion(prepared, held_inputs, self._dt, record)
+        every = record is not None and record.rates and record.every == 1
+        last_row = self._open.last_row if every else None
+        self._readings = readings(prepared, self._open.value, outputs, last_row)
+        state = prepared.first_state(self._dt, start)
+        self._open.begin(state, np.zeros(prepared.model.size), grid_from(state.t, self._dt))
         prepared.stats.setup_seconds = perf_counter() - clock
 
     # -- Steps ------------------------------------------------------------------------------------

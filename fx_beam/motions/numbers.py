@@ -11,7 +11,7 @@ from fx_beam.dual import MaybeDual, dual_array
 from fx_beam.fem.scene_data import Data
 from fx_beam.results.state import State
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.model import Model, once, sizes_of
+from fx_beam.step.model import Model, fact, sizes_of
 from fx_beam.step.numbers import numbers_of
 
 from .initial_state import reference_state
@@ -65,7 +65,7 @@ def observed_numbers_of(
     They are at `times` (n,), by steps of the `lengths` (n,) that end there [s]. With
     `at_start` also accelerations and forces at the start.
     """
-    sizes = once(model, sizes_of)
+    sizes = fact(model, sizes_of)
     joints, columns = sizes["joints"], sizes["constraints"]
     observed: dict[str, Any] = {}
     if at_start:

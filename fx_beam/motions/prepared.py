@@ -15,49 +15,32 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.step.block import twin
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
-from fx_beam.step.model import Model, once
+from fx_beam.step.model import Model, fact
+from fx_beam.step.numbers import data_of
 from fx_beam.step.recorder import Recorder, Rows
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import Halving
 
 from .initial_state import Starts, check_joints, end_of, finds_accelerations_later
 from .options import Options
-from .set_ups import bind
+from .set_ups import PROGRAMS
 
 # Energy that is round-off, relative to the sizes of its parts.
 _ROUND_OFF = 1e-11
 
 
 class Prepared:
-    """The model of a scene and what takes its steps; both serve other scenes of its structure."""
+    """The model of a scene and the steps of its motion."""
 
-    def __init__(self, scene: Scene, options: Options, model: Model | None = None):
-        self.model = model = model or Model(scene, options.scheme)
-        #: Number of degrees of freedom.
-        self.size = model.size
-        self.turn_counter = TurnCounter(model)
+    def __init__(self, model: Model, options: Options):
+        self.model, self.turn_counter = model, TurnCounter(model)
         self._begin_run()
         #: The compiled loop.
         self.loop = CompiledLoop(self.forcing, options.newton, self.stats)
         self._begin_steps(options)
-
-    @classmethod
-    def of(cls, program: Any, scene: Scene, options: Options) -> Prepared:
-        """A motion of a program, which has numbers and memory of its own."""
-        prepared = object.__new__(cls)
-        once(program.model, finds_accelerations_later)  # as it is for all runs
-        prepared.model = model = program.model_of(scene)
-        prepared.size = model.size
-        prepared.turn_counter = turn_counter = twin(program.turn_counter)
-        turn_counter.removed = np.zeros(model.size)
-        prepared._begin_run()
-        prepared.loop = CompiledLoop(prepared.forcing, options.newton, prepared.stats)
-        prepared._begin_steps(options)
-        return prepared
 
     def _begin_run(self) -> None:
         damping = self.model.data.forms.friction_damping
@@ -72,29 +55,23 @@ class Prepared:
         #: What takes the steps of the loop.
         self.stepper = Stepper(self.loop, Halving(options.max_halvings, dt))
 
-    def bind(self, scene: Scene, options: Options | None = None) -> None:
-        """Set all numbers to those of another scene, as if it were prepared anew.
+    def restart(self, scene: Scene, options: Options) -> None:
+        """Begin anew with another scene of this structure, in the same memory.
 
         OtherStructureError if it, or what is asked for, differs in more; nothing is set then.
         """
-        if options is not None:
-            if not options.scheme.built_in:
-                reason = "the scheme has functions of your own, which may have changed"
-                raise OtherStructureError(reason)
-            last = self.options
-            if (options.scheme, options.newton) != (last.scheme, last.newton):
-                raise OtherStructureError("another scheme, or other options")
-        with self.model.lock:
-            bind(self.model, scene)
-            self.turn_counter.removed[:] = 0.0
-            self._begin_run()
-            self.loop.bind(self.forcing, self.stats)
-            self._begin_steps(options or self.options)
-
-    @property
-    def readers(self) -> int:
-        """Number of blocks in which something reads the model."""
-        return self.model.readers
+        if self.model.block is None:
+            raise OtherStructureError(
+                "the scheme has functions of your own, which may have changed"
+            )
+        last = self.options
+        if (options.scheme, options.newton) != (last.scheme, last.newton):
+            raise OtherStructureError("another scheme, or other options")
+        self.model.set_numbers(data_of(self.model, scene))
+        self.turn_counter.removed[:] = 0.0
+        self._begin_run()
+        self.loop.restart(self.forcing, self.stats)
+        self._begin_steps(options)
 
     def count_turns(self, state: State, recorder: Rows) -> State | None:
         """The state without its full turns, which rows miss from here on; None if it has none.
@@ -143,7 +120,7 @@ class Prepared:
     ) -> State:
         """First state for a recorder, which may find its accelerations when they are read."""
         model, rates = self.model, self.options.record.rates
-        later = start is None and once(model, finds_accelerations_later)
+        later = start is None and fact(model, finds_accelerations_later)
         state = self.first_state(dt, start, accelerations or (rates and not later))
         if rates and later and not accelerations:
             starts = Starts(model, self.forcing, dt)
@@ -191,6 +168,17 @@ class Prepared:
         # Driven motions give it; as the record has their work, that at the start is zero.
         supplied = state.v @ (model.masses.matrix @ slow) if model.couplings.driven else 0.0
         return replace(state, v=state.v + slow, work=state.work + supplied)
+
+
+def prepare(scene: Scene, options: Options, owned: bool = False) -> Prepared:
+    """A prepared scene with memory of its own; one that is `owned` serves other scenes later."""
+    if options.scheme.built_in:
+        model, reason = PROGRAMS.model_of(scene, options.scheme, owned)
+    else:
+        model, reason = Model(scene, options.scheme), "the first scene"
+    prepared = Prepared(model, options)
+    prepared.stats.setup_reason = reason
+    return prepared
 
 
 def _come_and_gone(model: Model, start: Solution, state: State) -> float:

@@ -13,7 +13,7 @@ from fx_beam.errors import Failure, StepError
 from fx_beam.results.solution import Solution
 from fx_beam.step.interrupts import without_ctrl_c
 
-from .surroundings import thread_series
+from .surroundings import is_in_sweep
 
 _P = ParamSpec("_P")
 
@@ -51,7 +51,7 @@ def progress_bar(total: float, choice: bool | None, **look) -> tqdm | _NoBar:
     error = sys.stderr
     if error is None or getattr(error, "closed", False):
         return _NoBar()
-    if not (thread_series() is None and error.isatty() if choice is None else choice):
+    if not (not is_in_sweep() and error.isatty() if choice is None else choice):
         return _NoBar()
     return tqdm(total=total, delay=0 if choice else _SOON, leave=False, **look)
 

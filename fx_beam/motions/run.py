@@ -141,10 +141,6 @@ class Run:
 
     def take_steps(self, finish: Callable[[], _T]) -> _T:
         """Take all steps; gives what `finish` does. Exceptions have the solution so far."""
-        with self.prepared.model.lock:
-            return self._take_steps(finish)
-
-    def _take_steps(self, finish: Callable[[], _T]) -> _T:
         prepared, recorder, control = self.prepared, self.recorder, self._control
         options, stats = prepared.options, prepared.stats
         self._clock = time.perf_counter()

@@ -9,6 +9,7 @@ import numpy as np
 from fx_beam.errors import LARGEST, SceneError, check_takes, is_whole, positive, real_array, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.initial_state import end_of
+from fx_beam.motions.prepared import prepare
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
@@ -284,19 +285,19 @@ class _OverFrequency(Shooting):
         return self._periods / parameter
 
     def run(self, state: State, parameter: float) -> Period:
-        self._bind(parameter)
+        self._restart(parameter)
         return super().run(state, parameter)
 
     def solution(self, period: Period) -> Solution:
-        with self.model.lock:
-            self._bind(period.parameter)
-            return super().solution(period)
+        # The numbers of the search go on to other frequencies.
+        prepared = prepare(_scene(self._build, period.parameter), self.prepared.options)
+        return self._solution_of(self._recorded(prepared, period))
 
-    def _bind(self, parameter: float) -> None:
+    def _restart(self, parameter: float) -> None:
         """Set the numbers of the scene at a frequency [Hz]."""
         if parameter != self._now:
             try:
-                self.prepared.bind(_scene(self._build, parameter))
+                self.prepared.restart(_scene(self._build, parameter), self.prepared.options)
             except OtherStructureError as other:
                 raise SceneError(
                     f"{self.what}: the scene at {parameter:.6g} Hz has another structure than at "

@@ -14,7 +14,7 @@ from fx_beam.linear.linearisation import check_unknowns
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.numbers import numbers_in_steps
 from fx_beam.motions.options import CommonOptions, Options, check_scene
-from fx_beam.motions.prepared import Prepared
+from fx_beam.motions.prepared import Prepared, prepare
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
@@ -111,7 +111,7 @@ class Shooting:
         self,
         scene: Scene,
         options: PeriodicOptions,
-        prepare: Callable[[Scene, Options], Prepared] = Prepared,
+        prepare: Callable[[Scene, Options], Prepared] = prepare,
     ):
         check_scene(scene, caller := options.what)
         self.options, self.steps, self.what = options, int(options.steps), caller
@@ -189,11 +189,10 @@ class Shooting:
     def _advance(self, state: State, times: np.ndarray, recorder: Recorder | None = None) -> State:
         """The state after steps, which are on the tape."""
         self.tape.clear()
-        self.prepared.stepper.load(state)
         if recorder is None:
             recorder = Recorder(self.model, times, _NOTHING)
             recorder.begin(state)
-        self.tape.last = self.prepared.stepper.advance(state, times[1:], 1, recorder)
+        self.tape.last = _advanced(self.prepared, state, times, recorder)
         return self.tape.last
 
     def settled(self, state: State, parameter: float, periods: int) -> State:
@@ -247,14 +246,23 @@ class Shooting:
 
     def solution(self, period: Period) -> Solution:
         """The motion over a period with all that is recorded."""
+        self.tape.clear()
+        recorder = self._recorded(self.prepared, period)
+        self.tape.last = recorder.end
+        return self._solution_of(recorder)
+
+    def _recorded(self, prepared: Prepared, period: Period) -> Recorder:
+        """The record of a motion over a period."""
         start = period.start.changed(algorithmic=period.end.algorithmic)
         times = _times(start, period.length, self.steps)
-        with self.model.lock:  # another thread may read an earlier motion of other numbers
-            recorder = Recorder(self.model, times, Record())
-            self.prepared.loop.record(start, recorder)
-            self._advance(start, times, recorder)
-            stats = replace(self.prepared.stats, steps=self.steps)  # without those of the search
-            return solution_of(recorder, stats, lambda: recorder.end)
+        recorder = Recorder(prepared.model, times, Record())
+        prepared.loop.record(start, recorder)
+        _advanced(prepared, start, times, recorder)
+        return recorder
+
+    def _solution_of(self, recorder: Recorder) -> Solution:
+        stats = replace(self.prepared.stats, steps=self.steps)  # without those of the search
+        return solution_of(recorder, stats, lambda: recorder.end)
 
     def depends_on_time(self, state: State, length: float) -> bool:
         """Whether loads, driven motions, parameters or natural strains change in a period."""
@@ -274,6 +282,12 @@ class Shooting:
                 f"{self.what}: loads, driven motions or parameters do not repeat after the period "
                 f"of {length:.6g} s. Give the period of these functions of time, or a multiple"
             )
+
+
+def _advanced(prepared: Prepared, state: State, times: np.ndarray, recorder: Recorder) -> State:
+    """The state after steps."""
+    prepared.stepper.load(state)
+    return prepared.stepper.advance(state, times[1:], 1, recorder)
 
 
 def _times(state: State, length: float, steps: int) -> np.ndarray:

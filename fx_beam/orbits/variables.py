@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.results.state import State
 from fx_beam.step.layout import Arrays
-from fx_beam.step.model import Model, massless_dofs, once
+from fx_beam.step.model import Model, fact, massless_dofs
 from fx_beam.step.state_values import energy_of
 
 _Value = TypeVar("_Value", float, np.ndarray)
@@ -37,7 +37,7 @@ class Variables:
         self.model, self._what = model, caller
         fixed = [3 * node + i for node, i in model.scene.fixed]
         #: Rates that steps keep: of what has mass and moves.
-        self._rates = np.setdiff1d(np.flatnonzero(~once(model, massless_dofs)), fixed)
+        self._rates = np.setdiff1d(np.flatnonzero(~fact(model, massless_dofs)), fixed)
 
     @property
     def count(self) -> int:

@@ -72,42 +72,67 @@ class _Form(tuple):
 
 
 class Structure:
-    """The structure of a scene as it is now; something may be added to the scene later."""
+    """The structure of a scene as it is now, as a key; the scene may change later."""
 
     def __init__(self, scene: Scene):
-        self._nodes, self._functions = len(scene.nodes), [*expressions_of(scene)]
+        #: Numbers of nodes, beams, joints and bodies.
+        self.counts = (
+            *(len(scene.nodes), len(scene.beams)),
+            *(len(scene.joints), len(scene.bodies)),
+        )
         self._forms = _forms_of(scene)
+        self._functions = (*((name, _frozen(value)) for name, value in expressions_of(scene)),)
+        self._hash = hash((self.counts, *self._forms.items(), *self._functions))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Structure)
+            and self._hash == other._hash
+            and self.counts == other.counts
+            and self._forms == other._forms
+            and self._functions == other._functions
+        )
 
     def check(self, scene: Scene) -> None:
         """OtherStructureError if a scene differs in more than numbers."""
-        if len(scene.nodes) != self._nodes:
-            raise OtherStructureError("another number of nodes")
-        forms, functions = _forms_of(scene), [*expressions_of(scene)]
-        if forms == self._forms and functions == self._functions:
-            return
-        for name in vars(scene):
-            form, known = forms.get(name, []), self._forms.get(name, [])
+        if (other := Structure(scene)) != self:
+            raise OtherStructureError(self.difference(other))
+
+    def difference(self, other: Structure) -> str:
+        """Where another structure differs first."""
+        if self.counts[0] != other.counts[0]:
+            return "another number of nodes"
+        for name in self._forms | other._forms:
+            form, known = other._forms.get(name, ()), self._forms.get(name, ())
             if form != known:
-                raise OtherStructureError(f"scene.{name}{_difference(form, known)}")
-        for function, known in itertools.zip_longest(functions, self._functions):
+                return f"scene.{name}{_difference(form, known)}"
+        for function, known in itertools.zip_longest(other._functions, self._functions):
             if function != known:
-                kind = (function or known)[0]
-                raise OtherStructureError(
-                    f"{kind} of your own differs in more than parameters. Numbers in it that "
-                    "change must be fb.Parameter(name, value)"
+                return (
+                    f"{(function or known)[0]} of your own differs in more than parameters. "
+                    "Numbers in it that change must be fb.Parameter(name, value)"
                 )
+        return "it has other numbers that are zero"
+
+
+def _frozen(value: object) -> object:
+    """A value with tuples in the place of lists."""
+    return (*map(_frozen, value),) if isinstance(value, list | tuple) else value
 
 
 def _difference(form: object, known: object) -> str:
     """Where two forms differ first, and how."""
-    if isinstance(form, list) and isinstance(known, list):
-        if len(form) != len(known):
-            return " has another length"
-        names = [f"[{i}]" for i in range(len(form))]
-    elif isinstance(form, _Form) and isinstance(known, _Form) and form[0] is known[0]:
+    if isinstance(form, _Form) and isinstance(known, _Form) and form[0] is known[0]:
         named = field_kinds(form[0])
         names = [f".{name}" for name in (*named.structure, *named.numbers)]
         form, known = form[1:], known[1:]
+    elif type(form) is tuple and type(known) is tuple:
+        if len(form) != len(known):
+            return " has another length"
+        names = [f"[{i}]" for i in range(len(form))]
     else:
         return " differs"
     pairs = zip(names, form, known, strict=True)
@@ -147,12 +172,14 @@ def _form(value: object, known_forms: dict[int, _Form]) -> object:
     if isinstance(value, list | tuple):
         kinds = {*map(type, value)}
         if kinds == _NODES:
-            return [*map(_NUMBER, value)]
-        return [*value] if kinds <= _PLAIN else [_form(part, known_forms) for part in value]
+            return (*map(_NUMBER, value),)
+        if kinds <= _PLAIN:
+            return (*value,)
+        return (*[_form(part, known_forms) for part in value],)
     if isinstance(value, set | np.ndarray):
-        return frozenset(value) if isinstance(value, set) else value.tolist()
+        return frozenset(value) if isinstance(value, set) else _frozen(value.tolist())
     if isinstance(value, dict):
-        return [(key, _form(part, known_forms)) for key, part in value.items()]
+        return (*[(key, _form(part, known_forms)) for key, part in value.items()],)
     # A function that is not listed is always another one.
     return object() if callable(value) else value
 
@@ -166,8 +193,8 @@ def _form_of_number(number: Any) -> object:
     if callable(number):
         return ()
     if isinstance(number, list):  # lumped masses: first the number of the node
-        return [row[0] for row in number]
-    return [*number] if isinstance(number, Mapping) else np.shape(number)
+        return (*[row[0] for row in number],)
+    return (*number,) if isinstance(number, Mapping) else np.shape(number)
 
 
 # Parts of a scene that may become longer.

@@ -7,21 +7,34 @@ which places. A `Block` is a copy of this piece, with these words set: nothing o
 
 from __future__ import annotations
 
+import math
+import mmap
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
-from typing import Any, TypeVar
+from contextlib import suppress
+from typing import Any
 
 import numpy as np
 
-T = TypeVar("T")
-_LINE = 64
+# Size of a cache line, and size from which zeros are in pages of their own [bytes].
+_LINE, _LARGE = 64, 1 << 22
 
 
-def twin(thing: T) -> T:
-    """Another object of the same class that has the same attributes."""
-    other = object.__new__(type(thing))
-    other.__dict__.update(thing.__dict__)
-    return other
+def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:
+    """Zeros that begin with a cache line, as vectors of the processor are faster there.
+
+    Many are in pages of their own: those that nobody sets take no memory.
+    """
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    if size >= _LARGE:
+        pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        if hasattr(mmap, "MADV_HUGEPAGE"):
+            with suppress(OSError):  # a kernel without huge pages
+                pages.madvise(mmap.MADV_HUGEPAGE)
+        return np.frombuffer(pages, dtype).reshape(shape)
+    space = np.zeros(size + _LINE, dtype=np.int8)
+    begin = -space.ctypes.data % _LINE
+    return space[begin : begin + size].view(dtype).reshape(shape)
 
 
 def address_of(array: np.ndarray) -> int:
@@ -70,7 +83,7 @@ class BlockPlan:
         pointers = [pointers_of(ffi, part) for part in structs]
         zeros = sorted((a for a in blank if a.size), key=address_of)
         copied = [*bytes_of_structs, *(a for a in arrays if a.size)]
-        self._outer, offset = outer, 0
+        offset = 0
         # Where pieces of the template begin and end, and their places; by their beginnings.
         pieces: list[tuple[int, int, int]] = []
         for group in (sorted(copied, key=address_of), zeros):
@@ -97,9 +110,10 @@ class BlockPlan:
         for array in copied:
             place = self.place(address_of(array))
             self.image[place : place + array.nbytes] = array.reshape(-1).view(np.uint8)
-        # Words of structs that point into this block, or into the outer one, and where to.
-        self._inner = self._pointers(bytes_of_structs, pointers, self)
-        self._outer_words = outer and self._pointers(bytes_of_structs, pointers, outer)
+        #: Words of structs that point into this block, or into the outer one, and where to.
+        self.inner = self._pointers(bytes_of_structs, pointers, self)
+        nowhere = np.empty(0, np.intp), np.empty(0, np.int64)
+        self.outer = self._pointers(bytes_of_structs, pointers, outer) if outer else nowhere
 
     def place(self, address: int) -> int:
         """Place of what the template has at an address; -1 if it is not in the block."""
@@ -121,24 +135,29 @@ class BlockPlan:
                     targets.append(target)
         return np.array(words, np.intp), np.array(targets, np.int64)
 
-    def block(self, zeros: Any, outer: Block | None = None) -> Block:
-        """A block as the template was; `zeros` gives its memory."""
-        memory = zeros(self.size, dtype=np.uint8)
-        memory[: self.copied] = self.image
-        words, base = memory[: self.copied].view(np.int64), address_of(memory)
-        at, to = self._inner
-        words[at] = base + to
-        if outer is not None and self._outer_words is not None:
-            at, to = self._outer_words
-            words[at] = outer.base + to
-        return Block(self, memory, base)
+    def block(self, outer: Block | None = None) -> Block:
+        """A block as the template was; pointers lead also to what the `outer` block has."""
+        return Block(self, outer)
 
 
 class Block:
     """The memory of one run."""
 
-    def __init__(self, plan: BlockPlan, memory: np.ndarray, base: int):
-        self.plan, self.memory, self.base = plan, memory, base
+    def __init__(self, plan: BlockPlan, outer: Block | None = None):
+        self.plan, self._outer = plan, outer
+        self.memory = aligned_zeros(plan.size, dtype=np.uint8)
+        self.base = address_of(self.memory)
+        self.reset()
+
+    def reset(self) -> None:
+        """Be as the template was, but for what begins as zeros."""
+        plan = self.plan
+        copied = self.memory[: plan.copied]
+        copied[:] = plan.image
+        words = copied.view(np.int64)
+        for (at, to), block in ((plan.inner, self), (plan.outer, self._outer)):
+            if block is not None:
+                words[at] = block.base + to
 
     def view(self, array: np.ndarray) -> np.ndarray:
         """The array that has in this block the place of one of the template."""

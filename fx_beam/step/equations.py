@@ -14,7 +14,7 @@ from fx_beam.results.state import State
 
 from .extended import Extended
 from .model import Model
-from .tables import Problem
+from .tables import Problem, problem_of
 from .tangent_storage import ProblemKind
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class Equations:
             # The loop of a motion has another storage, whose library is there already.
             forces_only = model.scheme.rates.at_rest or not inert
             kind = ProblemKind(turns=turning is not None, forces_only=forces_only)
-            problem = Problem.of(model, kind._replace(inertia=inertia, inert=inert))
+            problem = problem_of(model, kind._replace(inertia=inertia, inert=inert))
             problem.set_frame(turning)
         self._problem, self._c, self._library = problem, problem.c, problem.library
         self._doubles = problem.ffi.typeof("double[]")

@@ -14,16 +14,17 @@ C finds them, and derivatives in both directions, as those of a sub-step that is
 
 from __future__ import annotations
 
+import weakref
 from typing import NamedTuple
 
 import numpy as np
 
 from fx_beam.c_library import Structs
 
-from .form_tables import aligned_zeros
+from .block import aligned_zeros
 from .layout import Arrays, Layout, Numbers, Rows, all_of, never_empty
-from .model import Model
-from .tables import Problem
+from .model import Model, tool
+from .tables import problem_of
 from .tangent_storage import ProblemKind
 
 # Numbers of a scene on which T depends, besides the masses.
@@ -45,9 +46,11 @@ class Fit(NamedTuple):
 
 def rate_fit(model: Model) -> FittedRates:
     """Finds rates that fit the joints and driven motions of a model."""
-    if "fitted rates" not in model.problems:
-        model.problems["fitted rates"] = FittedRates(model)
-    return model.problems["fitted rates"]
+    return tool(model, _rate_fit)
+
+
+def _rate_fit(model: Model) -> FittedRates:
+    return FittedRates(weakref.proxy(model))  # as the model has it
 
 
 class FittedRates:
@@ -55,10 +58,7 @@ class FittedRates:
 
     def __init__(self, model: Model):
         self._model = model
-        kind = ProblemKind(rates=True)
-        self._problem = problem = (
-            Problem(model, kind) if model.program is None else Problem.of(model, kind)
-        )
+        self._problem = problem = problem_of(model, ProblemKind(rates=True))
         self._ffi, self._p = problem.ffi, problem.c
         self._structs = Structs(self._ffi)
         self._a = self._ffi.new("Derivatives *")
@@ -95,7 +95,7 @@ class FittedRates:
         """As `fit`, and derivatives in one `way`, by members of ``Derivatives`` in C."""
         model, n, p = self._model, len(states[0]), self._p
         if self._problem.numbers.data is not model.data:
-            self._problem.bind()
+            self._problem.restart()
         q, v, slides, driven = (np.ascontiguousarray(x, dtype=float) for x in states)
         shapes = q.shape, (n, 0), (n, p.passes.joints, 3), (n, p.columns - p.free)
         # What is not a number stays so where it is singular.

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-import mmap
-from collections.abc import Container, Mapping
-from contextlib import suppress
+from collections.abc import Container, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
 
 from fx_beam.c_library import Structs
-from fx_beam.content_cache import cached_by_content, cached_property
+from fx_beam.content_cache import cached_by_content
 from fx_beam.dual import floats
 from fx_beam.fem.assembly import Field, Term
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.sparsity import starts_of
 from fx_beam.laws.interval import StepBatch
+from fx_beam.shallow_copy import shallow_copy
 
+from .block import address_of, aligned_zeros
 from .build import load_batches
 from .lu_layout import ROW
 
@@ -96,8 +96,6 @@ _NOT_ALWAYS = "stored_at", "run", "single_start", "single_from", "single_to", "i
 _OF_THREADS = "colour_start", "piece"
 # Blocks of cells that have their coefficients each.
 _FEW = 64
-# Size from which zeros are in pages of their own [bytes].
-_LARGE = 1 << 22
 # What is read before any step.
 _NO_STEP = StepBatch(np.zeros(1), np.ones(1))
 
@@ -133,18 +131,14 @@ class FormTables:
     def memory(self) -> tuple[list, list[np.ndarray]]:
         """Structs and arrays that change, for a `BlockPlan`."""
         arrays = [blocks for _, blocks in self._coordinates] + self._constants
-        return self._integrals, arrays + [data._data for data in self._data if data._own]
+        return self._integrals, arrays + [data.array for data in self._data if data.is_own]
 
-    def of_run(self, problem: Any, block: Any) -> FormTables:
-        """The tables of another run, in a block; `set_numbers` is to follow."""
-        self.field_names  # noqa: B018  # ids of the fields of the pattern
-        other = object.__new__(FormTables)
-        other.__dict__.update(self.__dict__)
-        other._problem, other._storage, view = problem.c, problem.storage, block.view
+    def in_block(self, block: Any, problem: Any) -> FormTables:
+        """The tables of a run, in its block, with the numbers of its model."""
+        other, view = shallow_copy(self), block.view
+        other._problem, other._storage = problem.c, problem.storage
         other._all_forms, other._forms = problem.model.forms, problem.model.forms.beams
         other._structs = Structs(self._ffi)
-        # For forms that are added later, such as derivatives.
-        other._coordinates_of_cells = problem.model.mesh.coordinates
         other._shared = {
             key: data | {"coordinates": view(data["coordinates"])}
             for key, data in self._shared.items()
@@ -155,30 +149,28 @@ class FormTables:
         other._integrals = [block.struct(self._ffi, x) for x in self._integrals]
         integrals = (x for several in other._integrals for x in several)
         other._data = [
-            data.of(integral, block) for data, integral in zip(self._data, integrals, strict=True)
+            data.in_block(block, integral)
+            for data, integral in zip(self._data, integrals, strict=True)
         ]
+        model = problem.model
+        other.set_numbers(model.mesh.coordinates, model.data.forms.beams)
         return other
 
     @property
     def is_placed(self) -> bool:
         """Whether all numbers have places of their own."""
-        return all(data._own for data in self._data)
+        return all(data.is_own for data in self._data)
 
     def places(self, plan: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Places of data of beams in a block, by name, and the entries that are there."""
-        found: dict[str, tuple[list, list]] = {}
-        names = {number: name for name, number in self.field_names.items()}
+        pairs: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
         for data in self._data:
-            first = plan.place(data._data.__array_interface__["data"][0]) // 8
-            at = first + np.arange(data._data.size).reshape(data._data.shape)
-            for field, (columns, places) in zip(data._fields, data._places, strict=True):
-                for known, new in zip(
-                    found.setdefault(names[id(field)], ([], [])),
-                    (at[:, columns], places),
-                    strict=True,
-                ):
-                    known.append(new.ravel())
-        return {name: tuple(map(np.concatenate, pair)) for name, pair in found.items()}
+            for name, at, entries in data.places(plan):
+                pairs.setdefault(name, []).append((at, entries))
+        return {
+            name: (np.concatenate([at for at, _ in rows]), np.concatenate([e for _, e in rows]))
+            for name, rows in pairs.items()
+        }
 
     def move(self, coordinates: np.ndarray, block: Any) -> None:
         """Set coordinates of cells in a block."""
@@ -188,26 +180,14 @@ class FormTables:
     def set_numbers(self, coordinates: np.ndarray | None, numbers: Mapping[str, Any]) -> None:
         """Set the numbers of a scene; coordinates of cells only if given."""
         if coordinates is not None:
+            self._coordinates_of_cells = coordinates  # also of forms that are added later
             for cells, blocks in self._coordinates:
                 blocks[...] = self._in_plane(coordinates[cells])
-        flat = {self.field_names[name]: floats(x).ravel() for name, x in numbers.items()}
+        for factor in self._factors:
+            factor[...] = 1.0
+        flat = {name: floats(values).ravel() for name, values in numbers.items()}
         for data in self._data:
             data.set_numbers(flat)
-
-    @cached_property
-    def field_names(self) -> dict[str, int]:
-        """Fields of beams, as their ids by name."""
-        return {name: id(x) for name, x in self._forms.data.named.items() if isinstance(x, Field)}
-
-    def bind(self, coordinates: np.ndarray | None) -> None:
-        """Set the numbers to those that the forms have now, and coordinates of cells if given."""
-        if coordinates is not None:
-            for cells, blocks in self._coordinates:
-                blocks[...] = self._in_plane(coordinates[cells])
-        for data in self._data:
-            data.bind()
-        for factor in self._factors:
-            factor[...] = self._forms.data.named["load_factor"]
 
     def all(self, names: Container[str]) -> dict[str, dict]:
         """The wanted ones of `FORMS` that the model has, by their names in C."""
@@ -236,8 +216,10 @@ class FormTables:
         self._constants.append(constants)
         parameter_members = {"parameters": len(data.parameters), "parameter": data.parameters}
         *offsets, first = (known.get(name, -1) for name in ("time", *step_names, "parameters"))
-        still = [field for field in starts if field not in fields]  # C sets those that move
-        columns = [starts[field] + k for field in still for k in range(field.space.width)]
+        named = {id(field): name for name, field in data.named.items()}
+        # C sets those that move.
+        still = {named[id(field)]: field for field in starts if field not in fields}
+        columns = [starts[field] + k for field in still.values() for k in range(field.space.width)]
         integrals = self._ffi.new("Integral[]", len(cells))
         self._integrals.append(integrals)
         for integral, rows, batch in zip(integrals, cells, batches, strict=True):
@@ -292,96 +274,77 @@ class FormTables:
         return self._blocks(places.reshape(len(places), -1))
 
 
-class _Values(NamedTuple):
-    """A field with other values."""
-
-    space: Any
-    array: np.ndarray
-
-
 class CellData:
-    """Coefficients of the cells of an integral that do not move.
+    """Coefficients of the cells of an integral that do not move, from fields by name.
 
     Few blocks of cells have numbers of their own, which are set in place; of many, C has equal
     blocks once.
     """
 
-    def __init__(self, fields: list[Field], cells: np.ndarray, lanes: int, ffi: Any, integral: Any):
+    def __init__(
+        self, fields: dict[str, Field], cells: np.ndarray, lanes: int, ffi: Any, integral: Any
+    ):
         self._fields, self._cells, self._lanes = fields, cells, lanes
         self._ffi, self._integral = ffi, integral
-        # Places of numbers in the arrays of the fields, in blocks, and the columns of each field.
-        self._places: list[tuple[slice, np.ndarray]] = []
-        blocks, column = self._blocks(), 0
-        self._own = len(blocks) <= _FEW
-        if self._own:
-            self._point_to(blocks, np.arange(len(blocks), dtype=np.int32))
-            for field in fields:
-                places = in_lanes(field.space.dofs[cells], lanes)
-                columns = slice(column, column := column + places.shape[1])
-                self._places.append((columns, places))
-        else:
-            self.bind()
-
-    def bind(self) -> None:
-        """Set the coefficients to those that the fields have now."""
-        if self._own:
-            for field, (columns, places) in zip(self._fields, self._places, strict=True):
-                self._data[:, columns] = field.array[places]
+        #: Whether each block has numbers of its own.
+        self.is_own = -(-len(cells) // lanes) <= _FEW
+        if not self.is_own:
+            self._share({})
             return
-        blocks = self._blocks()
+        # Columns of each field in a block, and places of its numbers in the array of the field.
+        self._places: list[tuple[slice, np.ndarray]] = []
+        blocks, column = self._blocks({}), 0
+        self._point_to(blocks, np.arange(len(blocks), dtype=np.int32))
+        for field in fields.values():
+            places = in_lanes(field.space.dofs[cells], lanes)
+            columns = slice(column, column := column + places.shape[1])
+            self._places.append((columns, places))
+
+    def places(self, plan: Any) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """Name of each field, places of its numbers among those of a block, and their entries."""
+        first = plan.place(address_of(self.array)) // 8
+        at = first + np.arange(self.array.size).reshape(self.array.shape)
+        for name, (columns, places) in zip(self._fields, self._places, strict=True):
+            yield name, at[:, columns].ravel(), places.ravel()
+
+    def in_block(self, block: Any, integral: Any) -> CellData:
+        """The coefficients of a run, in its block."""
+        other = shallow_copy(self)
+        other._integral = integral
+        if self.is_own:
+            other.array = block.view(self.array)
+        return other
+
+    def set_numbers(self, numbers: Mapping[str, np.ndarray]) -> None:
+        """Set the values of some fields, by their names."""
+        if not self.is_own:
+            self._share(numbers)
+            return
+        for name, (columns, places) in zip(self._fields, self._places, strict=True):
+            if (values := numbers.get(name)) is not None:
+                self.array[:, columns] = values[places]
+
+    def _share(self, numbers: Mapping[str, np.ndarray]) -> None:
+        """Have equal blocks once."""
+        blocks = self._blocks(numbers)
         is_new = np.ones(len(blocks), bool)
         is_new[1:] = (blocks[1:] != blocks[:-1]).any(axis=(1, 2))
         data = aligned_zeros(np.count_nonzero(is_new), *blocks.shape[1:])
         data[...] = blocks[is_new]
         self._point_to(data, np.cumsum(is_new, dtype=np.int32) - 1)
 
-    def of(self, integral: Any, block: Any) -> CellData:
-        """The same of another run, in a block."""
-        other = object.__new__(CellData)
-        other.__dict__.update(self.__dict__)
-        other._integral = integral
-        if self._own:
-            other._data = block.view(self._data)
-        return other
-
-    def set_numbers(self, numbers: Mapping[int, np.ndarray]) -> None:
-        """Set the values of some fields, given by the ids of these."""
-        if not self._own:
-            self._fields = [
-                _Values(field.space, numbers.get(id(field), field.array)) for field in self._fields
-            ]
-            self.bind()
-            return
-        for field, (columns, places) in zip(self._fields, self._places, strict=True):
-            if (values := numbers.get(id(field))) is not None:
-                self._data[:, columns] = values[places]
-
-    def _blocks(self) -> np.ndarray:
-        parts = [field.array[field.space.dofs[self._cells]] for field in self._fields]
+    def _blocks(self, numbers: Mapping[str, np.ndarray]) -> np.ndarray:
+        parts = [
+            numbers.get(name, field.array)[field.space.dofs[self._cells]]
+            for name, field in self._fields.items()
+        ]
         return in_lanes(np.hstack([np.empty((len(self._cells), 0)), *parts]), self._lanes)
 
     def _point_to(self, data: np.ndarray, numbers: np.ndarray) -> None:
         """Have C read a block of cells in the row of `data` that `numbers` has for it."""
-        self._data, self._numbers = data, numbers
+        self.array, self._numbers = data, numbers
         self._integral.data = self._ffi.from_buffer("double[]", data)
         self._integral.data_at = self._ffi.from_buffer("int[]", numbers)
-
-
-def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:
-    """Zeros that begin with a cache line, as vectors of the processor are faster there.
-
-    Many are in pages of their own: those that nobody sets take no memory.
-    """
-    line, size = 64, math.prod(shape) * np.dtype(dtype).itemsize
-    if size >= _LARGE:
-        pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-        if hasattr(mmap, "MADV_HUGEPAGE"):
-            with suppress(OSError):  # a kernel without huge pages
-                pages.madvise(mmap.MADV_HUGEPAGE)
-        return np.frombuffer(pages, dtype).reshape(shape)
-    space = np.zeros(size + line, dtype=np.int8)
-    begin = -space.ctypes.data % line
-    return space[begin : begin + size].view(dtype).reshape(shape)
 
 
 def in_lanes(rows: np.ndarray, lanes: int, first_free: int | None = None) -> np.ndarray:

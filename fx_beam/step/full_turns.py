@@ -10,7 +10,7 @@ from fx_beam.fem.sparsity import connected_parts
 from fx_beam.results.state import State
 from fx_beam.scene.joints import GROUND
 
-from .model import Model
+from .model import Model, fact
 
 _ROTATION = 2  # among the components of a node
 #: Steps after which full turns are counted.
@@ -24,7 +24,7 @@ class TurnCounter:
     """
 
     def __init__(self, model: Model):
-        self._members = _members(model)
+        self._members = fact(model, _members)
         #: Rotations (size,) subtracted so far [rad].
         self.removed = np.zeros(model.size)
 

@@ -8,6 +8,7 @@ from fx_beam.fem.forms import Forms
 from fx_beam.results.state import State
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
+from fx_beam.shallow_copy import shallow_copy
 
 
 class Kinks:
@@ -36,6 +37,12 @@ class Kinks:
         pieced = (energy is not None and has_pieces(energy) for energy in energies)
         #: Whether forces change quickly where no switch tells: sections' laws, flow, losses.
         self.unseen = self.flows or any(quick) or any(pieced)
+
+    def on(self, forms: Forms) -> Kinks:
+        """The same conditions on the forces of another scene with this structure."""
+        other = shallow_copy(self)
+        other._forms = forms
+        return other
 
     def switches(self, state: State) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.dual import LinearChanges
 
-from .form_tables import aligned_zeros
+from .block import aligned_zeros
 from .tables import Problem
 
 #: Arrays by name.

@@ -20,7 +20,7 @@ from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, RecordsInC, Rows
 from .step_failures import StepFailed, StepFailures
 from .step_inputs import StepInputs, TakenSteps, inputs_of
-from .tables import Problem
+from .tables import Problem, problem_of
 from .tangent_storage import ProblemKind
 
 if TYPE_CHECKING:
@@ -41,18 +41,20 @@ class CompiledLoop:
         self.model = forcing.model
         #: Owns the arrays to which C points, and with them the state.
         kind = ProblemKind(options, forcing.turning is not None)
-        self.problem = problem = Problem.of(self.model, kind)
+        self.problem = problem = problem_of(self.model, kind)
         self.state = problem.state
         #: Records of C.
         self.records = RecordsInC(problem)
         #: Where sub-steps are taped, but for those of trials; None for nowhere.
         self.tape: Tape | None = None
-        self.bind(forcing, stats)
+        self._begin(forcing, stats)
 
-    def bind(self, forcing: Forcing, stats: Stats) -> None:
-        """Begin a run, with the numbers that the model has now."""
-        if self.problem.block is None:  # else it is new
-            self.problem.bind()
+    def restart(self, forcing: Forcing, stats: Stats) -> None:
+        """Begin another run, with the numbers that the model has now."""
+        self.problem.restart()
+        self._begin(forcing, stats)
+
+    def _begin(self, forcing: Forcing, stats: Stats) -> None:
         self.forcing, self.stats = forcing, stats
         #: A block for what C does and what Python counts of it, which Ctrl-C does not divide.
         self.whole: AbstractContextManager[None] = NOTHING

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from threading import RLock
 from typing import Any, TypeVar
 
@@ -29,6 +28,7 @@ from fx_beam.scene.joints import GROUND, slides_at_start
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
 from fx_beam.scene.structure import OtherStructureError, Structure
+from fx_beam.shallow_copy import shallow_copy
 
 from .build import begin_to_build
 from .kinks import Kinks
@@ -56,12 +56,11 @@ class Model:
         settles: bool = False,
     ):
         self.scheme, self.mesh = scheme, build_mesh(scene)
-        #: Held by the thread whose run, or whose reading, needs the numbers that this has now.
+        #: Held by a thread that computes with it: a solution may be read by several.
         self.lock = RLock()
-        #: Number of blocks in which something reads it, beside its runs.
-        self.readers = 0
-        #: What scenes of this structure share, if this model is of one of them; it is never bound.
+        #: The `Program` of a run's model, and the `Block` with its numbers; None of one alone.
         self.program: Any = None
+        self.block: Any = None
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
         if not all(joint.is_selection for joint in scene.joints):
@@ -77,18 +76,25 @@ class Model:
         self.kinks = Kinks(scene, forms, scheme.rates.at_rest)
         #: The mass of beams and lumped ones.
         self.masses = Mass(scene, self.mesh, forms.stiffness, forms.cell_entries)
-        self._set(data := self.read(scene, X, form_numbers), moved=True)
+        #: The numbers of the scene.
+        self.data = data = self.read(scene, X, form_numbers)
+        self.scene = scene
+        self.masses.set_numbers(data.masses)
         self.masses.assembled += [str(load) for load in scene.loads]
         self.masses.name(scene, scheme.rates.at_rest)
         self.reduction: Reduction
         self._build_reduction()
-        if sticks(scene) and not scheme.rates.at_rest:
+        #: Whether friction sticks, whose damping depends on masses and places.
+        self.sticks = sticks(scene) and not scheme.rates.at_rest
+        if self.sticks:
             self.data = damped(self, data, self.reduction)
-            forms.bind(self.data.forms)
+            forms.set_numbers(self.data.forms)
         #: The structure of the scene.
         self.structure = Structure(scene)
-        #: What is made of it once: problems in C by what they are for, and results of functions.
-        self.problems: dict[Hashable, Any] = {}
+        #: Facts of the structure by the functions that give them, which runs of a program share.
+        self.facts: dict[Callable, Any] = {}
+        #: What a run makes once and changes, such as factors, by the functions that make it.
+        self.tools: dict[Callable, Any] = {}
         # Whether masses hold nothing, and whether loads may hold a mechanism.
         self._rests = scheme.rates.at_rest and not mobile, settles
         #: Why the scene without loads is a mechanism; empty if it is none.
@@ -112,15 +118,23 @@ class Model:
         gears, moved, beams = numbers_of_gears(scene), motors(scene), LoadedBeams.of(scene)
         return Data(scene, X, forms, masses, loads, natural, arms, gears, moved, beams)
 
-    def bind(self, data: Data) -> None:
-        """Set all numbers, as if this were set up anew; OtherStructureError, then nothing is set.
+    def set_numbers(self, data: Data) -> None:
+        """Take the numbers of a scene of this structure, as if this were the model of it.
 
-        What was assembled for the last scene changes in place.
+        OtherStructureError, then nothing is set. What was assembled changes in place.
         """
         elsewhere = not data.lies_as(self.data)
         if elsewhere and self.couplings.need_places:
             raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
-        self._bind(data, elsewhere)
+        self.data, self.scene = data, data.scene
+        self.masses.set_numbers(data.masses)
+        if elsewhere:
+            self.mesh.move(floats(data.X))
+            self.units = Units(self.mesh, self.couplings)
+        self.reduction.joints.set_numbers(data.arms, data.gears)
+        if self.sticks:
+            self.data = data = damped(self, data, self.reduction)
+        self.forms.set_numbers(data.forms)
         # In statics without joints and forces between nodes places alone tell mechanisms.
         scene = data.scene
         places_tell = self._rests[0] and not (scene.joints or scene.forces_between)
@@ -134,73 +148,17 @@ class Model:
         point_structs, point_arrays = self.forms.compiled_points.memory
         return [*structs, *point_structs], [*arrays, *point_arrays, self.forms.parameters.values]
 
-    def of(self, data: Data, block: Any, program: Any) -> Model:
-        """The model of another scene of this structure, whose numbers are in a block."""
-        elsewhere = not data.lies_as(self.data)
-        if elsewhere and self.couplings.need_places:
-            raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
-        other = object.__new__(Model)
-        other.__dict__.update(self.__dict__)
-        other.program, other.lock, other.readers = program, RLock(), 0
-        other.data, other.scene = data, data.scene
-        other.mesh = self.mesh.at(floats(data.X)) if elsewhere else self.mesh
-        other.masses = self.masses.of(data.masses, other.mesh)
-        other.forms = forms = self.forms.of(data.forms, other.mesh, block)
+    def in_block(self, block: Any, program: Any) -> Model:
+        """The model of a run, whose numbers are in its block; `set_numbers` is to follow."""
+        other = shallow_copy(self)
+        other.program, other.block, other.lock, other.tools = program, block, RLock(), {}
+        other.mesh = mesh = shallow_copy(self.mesh)
+        other.masses = self.masses.on(mesh)
+        other.forms = forms = self.forms.in_block(block, mesh)
         other.points = forms.points
-        other.kinks = object.__new__(Kinks)
-        other.kinks.__dict__.update(self.kinks.__dict__, _forms=forms)
-        other.reduction = self.reduction.of(forms.compiled_points, block)
-        other.reduction.joints.set_numbers(data.arms, data.gears)
-        # What depends on the structure alone.
-        other.problems = {
-            key: value
-            for key, value in self.problems.items()
-            if isinstance(value, (bool, dict, np.ndarray))
-        }
-        if elsewhere:
-            other.units = Units(other.mesh, self.couplings)
-        scene = data.scene
-        places_tell = self._rests[0] and not (scene.joints or scene.forces_between)
-        if elsewhere or scene.drags or (self.scheme.rates.at_rest and not places_tell):
-            other.mechanism = _mechanism(other, *self._rests)
+        other.kinks = self.kinks.on(forms)
+        other.reduction = self.reduction.in_block(block, forms.compiled_points)
         return other
-
-    @contextmanager
-    def reading(self, data: Data, time: float | None = None) -> Iterator[None]:
-        """A block with the data of a run that has ended, in place of the present data.
-
-        In equilibria parameters have their values at a `time` [s].
-        """
-        with self.lock:
-            present, parameters = self.data, self.forms.parameters
-            others, values = data is not present, parameters.present
-            elsewhere = others and not data.lies_as(present)
-            self.readers += 1
-            try:
-                if others:
-                    self._bind(data, elsewhere)
-                if time is not None:
-                    parameters.hold(time)
-                yield
-            finally:
-                if others:
-                    self._bind(present, elsewhere)
-                parameters.present = values
-                self.readers -= 1
-
-    def _bind(self, data: Data, elsewhere: bool) -> None:
-        self._set(data, elsewhere)
-        if elsewhere:
-            self.units = Units(self.mesh, self.couplings)
-        self.reduction.joints.set_numbers(data.arms, data.gears)
-        self.forms.bind(data.forms)
-
-    def _set(self, data: Data, moved: bool) -> None:
-        #: The numbers that it has now, and their scene.
-        self.data, self.scene = data, data.scene
-        self.masses.bind(data.masses)
-        if moved:
-            self.mesh.bind(floats(data.X))
 
     def _build_reduction(self) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""
@@ -287,7 +245,7 @@ def damped(model: Model, data: Data, reduction: Reduction) -> Data:
 
 def _mechanism(model: Model, massless: bool, settles: bool) -> str:
     """Why a scene moves freely without loads (and masses, if `massless`); empty if it does not."""
-    heavy = not massless and not once(model, massless_dofs).any()
+    heavy = not massless and not fact(model, massless_dofs).any()
     if heavy or not (settles or not model.scene.virtual_works):
         return ""
     from fx_beam.coupling.determinacy import mechanism_of
@@ -308,16 +266,23 @@ def massless_dofs(model: Model) -> np.ndarray:
     return ~np.isin(rates, rates[heavy])
 
 
-def once(model: Model, make: Callable[[Model], T]) -> T:
-    """Result of a function of a model, made once."""
-    if make not in model.problems:
-        model.problems[make] = make(model)
-    return model.problems[make]
+def fact(model: Model, find: Callable[[Model], T]) -> T:
+    """What a function finds of the structure of a model, once for all runs of its program."""
+    if find not in model.facts:
+        model.facts[find] = find(model)
+    return model.facts[find]
+
+
+def tool(model: Model, make: Callable[[Model], T]) -> T:
+    """What a function makes of a model, once for each run."""
+    if make not in model.tools:
+        model.tools[make] = make(model)
+    return model.tools[make]
 
 
 def widths_of(model: Model) -> dict[str, int]:
     """Numbers in a row of each recorded quantity."""
-    sizes = once(model, sizes_of)
+    sizes = fact(model, sizes_of)
     return {name: math.prod(quantity.lengths(sizes)) for name, quantity in ROWS.items()}
 
 

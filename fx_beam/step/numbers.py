@@ -11,20 +11,29 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
 from fx_beam.scene.structure import OtherStructureError
 
-from .model import Model, damped, sticks
+from .model import Model, damped
+
+
+def read_numbers(model: Model, scene: Scene) -> Data:
+    """The numbers of a scene of the structure of a model; OtherStructureError for other zeros.
+
+    Friction that sticks has the damping of other masses until `Model.set_numbers`.
+    """
+    X = model.mesh.positions_of(scene)
+    data = model.read(scene, X, form_data(scene, model.mesh, X, model.scheme.rates), model.data)
+    _check(model, data)
+    return data
 
 
 def data_of(model: Model, scene: Scene) -> Data:
     """The numbers of a scene; OtherStructureError if it differs in more from that of the model."""
     model.structure.check(scene)
-    rates, X = model.scheme.rates, model.mesh.positions_of(scene)
-    data = model.read(scene, X, form_data(scene, model.mesh, X, rates), model.data)
-    if not rates.at_rest and (scene.joints or scene.contacts) and sticks(scene):
-        fits = not model.couplings.need_places or data.lies_as(model.data)
-        fitting = model if fits else Model(scene, model.scheme, part=True)
-        data = damped(model, data, fitting.reduction)
-    _check(model, data)
-    return data
+    data = read_numbers(model, scene)
+    if not model.sticks:
+        return data
+    fits = not model.couplings.need_places or data.lies_as(model.data)
+    fitting = model if fits else Model(scene, model.scheme, part=True)
+    return damped(model, data, fitting.reduction)
 
 
 def _check(model: Model, data: Data) -> None:

@@ -2,72 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from threading import RLock
 from typing import Any
 
+from fx_beam.c_library import declared
+from fx_beam.results.state import MACROS
 from fx_beam.scene.scene import Scene
+from fx_beam.shallow_copy import shallow_copy
 
-from .block import Block, BlockPlan, twin
-from .form_tables import aligned_zeros
-from .full_turns import TurnCounter
-from .model import Model, massless_dofs, once, sizes_of, sticks, widths_of
-from .numbers import data_of
+from .block import BlockPlan
+from .model import Model
+from .numbers import read_numbers
 from .tables import Problem
+
+# Number of purposes, such as options of Newton's method, for which a program has problems in C.
+_MOST = 16
 
 
 class Program:
-    """A model that no run changes, and the problems in C of it, which are patterns of others.
+    """A model that nothing runs on, and problems in C of it: the patterns of those of runs.
 
-    Any number of runs and threads use it at once.
+    No run changes it: any number of runs and threads use it at once.
     """
 
     def __init__(self, model: Model):
         self.model, self._lock = model, RLock()
-        # By what they are for: problems, and the places of what changes in them.
-        self._problems: dict[Hashable, tuple[Problem, BlockPlan]] = {}
-        once(model, massless_dofs)
-        once(model, sizes_of)
-        once(model, widths_of)
-        #: Counts full turns.
-        self.turn_counter = TurnCounter(model)
-        structs, arrays = model.memory
+        # Problems by their purpose, with the places of what changes in them.
+        self._problems: dict[Any, tuple[Problem, BlockPlan]] = {}
         #: Places of what changes in a model.
-        self.plan = BlockPlan(_ffi_of(model), structs, arrays)
-
-    @staticmethod
-    def serves(model: Model) -> bool:
-        """Whether a model can be shared."""
-        return True
+        self.plan = BlockPlan(declared("problem.h", MACROS), *model.memory)
 
     def model_of(self, scene: Scene) -> Model:
-        """The model of a scene; OtherStructureError if it differs in more than numbers."""
-        if sticks(scene):
-            with self._lock:  # joints of this model are moved
-                data = data_of(self.model, scene)
-        else:
-            data = data_of(self.model, scene)
-        block = self.plan.block(aligned_zeros)
-        model = self.model.of(data, block, self)
-        model.block = block
+        """The model of a scene of this structure; OtherStructureError if other numbers are zero."""
+        data = read_numbers(self.model, scene)
+        model = self.model.in_block(self.plan.block(), self)
+        model.set_numbers(data)
         return model
 
     def problem_of(self, model: Model, kind: Any) -> Problem:
-        """A problem of a model that `model_of` made, with a block of its own."""
-        if (known := self._problems.get(kind)) is None:
+        """A problem in C of a model that `model_of` made, in a block of its own."""
+        known = self._problems.get(kind)
+        if known is None:
             with self._lock:
-                if (known := self._problems.get(kind)) is None:
-                    pattern = twin(self.model)
-                    pattern.scene = model.scene  # the first one may have more by now
-                    problem = Problem(pattern, kind)
-                    known = self._problems[kind] = problem, problem.plan(self.plan)
-        problem, plan = known
-        outer: Block = model.block
-        return problem.of_run(model, plan.block(aligned_zeros, outer))
+                known = self._problems.get(kind) or self._add(model, kind)
+        pattern, plan = known
+        return pattern.in_block(plan.block(model.block), model)
 
-
-def _ffi_of(model: Model) -> Any:
-    from fx_beam.c_library import declared
-    from fx_beam.results.state import MACROS
-
-    return declared("problem.h", MACROS)
+    def _add(self, model: Model, kind: Any) -> tuple[Problem, BlockPlan]:
+        pattern = shallow_copy(self.model)
+        pattern.scene = model.scene  # the first one may have more by now
+        problem = Problem(pattern, kind)
+        entry = problem, BlockPlan(problem.ffi, *problem.memory, outer=self.plan)
+        entry[1].places = problem.places(entry[1])
+        if len(self._problems) >= _MOST:
+            del self._problems[next(iter(self._problems))]
+        self._problems[kind] = entry
+        return entry

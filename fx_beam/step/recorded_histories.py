@@ -20,7 +20,7 @@ from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS
 from fx_beam.scene.joints import GROUND
 
 from .forcing import Forcing
-from .model import Model, once, sizes_of
+from .model import Model, fact, sizes_of
 
 if TYPE_CHECKING:
     from .fitted_rates import Fit
@@ -57,7 +57,7 @@ class RecordedHistories(Mapping):
         impact: float,
         late_accelerations: Callable[[], np.ndarray] | None = None,
     ):
-        self._model, self._data, self._rows, self._turns = model, model.data, rows, turns
+        self._model, self._rows, self._turns = model, rows, turns
         self._fitted_rows, self._t_level, self._impact = fitted, t_level, impact
         self._known: dict[str, object] = {"t": t}
         self._late_accelerations = late_accelerations
@@ -91,7 +91,7 @@ class RecordedHistories(Mapping):
         state = dict[str, np.ndarray]()
         for name in FORCES if self._fitted_rows is None else (*FORCES, "a", "v"):
             if (rows := self._recorded(name)) is not None:
-                shape = ARRAYS[name].lengths(once(self._model, sizes_of))
+                shape = ARRAYS[name].lengths(fact(self._model, sizes_of))
                 state["fitted" if name == "v" else name] = rows[-1].reshape(shape).copy()
         if self._fitted_rows and not np.isnan(driven := self._fitted["driven_rates"][-1]).any():
             state["driven_rates"] = driven.copy()
@@ -107,7 +107,7 @@ class RecordedHistories(Mapping):
     def _fitted(self) -> _ByName:
         if self._fitted_rows is None:
             return self._rows
-        with self._model.reading(self._data):
+        with self._model.lock:
             return self._fitted_rows()
 
     def fit(self) -> None:
@@ -118,7 +118,7 @@ class RecordedHistories(Mapping):
         if name not in self._rows:
             return None
         if name == "a" and self._late_accelerations is not None:
-            with self._model.reading(self._data):
+            with self._model.lock:
                 if self._late_accelerations is not None:  # no other thread was first
                     self._rows["a"][0] = self._late_accelerations()
                     self._late_accelerations = None
@@ -137,7 +137,7 @@ class RecordedHistories(Mapping):
             return self._by_columns(name)
         model, quantity = self._model, ROWS[name]
         is_nodal = quantity.shape == ("dofs",)
-        lengths = (len(model.mesh.X), 3) if is_nodal else quantity.lengths(once(model, sizes_of))
+        lengths = (len(model.mesh.X), 3) if is_nodal else quantity.lengths(fact(model, sizes_of))
         rows = self._recorded(name)
         values = np.empty((0, *lengths)) if rows is None else rows.reshape(len(rows), *lengths)
         if is_nodal:
@@ -156,7 +156,7 @@ class RecordedHistories(Mapping):
         """Forces of supports on nodes, or of motors, from rows of all constraint forces."""
         model, forces = self._model, self._recorded("constraint_forces")
         if forces is None:
-            forces = np.empty((0, *ROWS["constraint_forces"].lengths(once(model, sizes_of))))
+            forces = np.empty((0, *ROWS["constraint_forces"].lengths(fact(model, sizes_of))))
         return np.append(forces, np.zeros((len(forces), 1)), axis=1)[:, model.force_columns[name]]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from fx_beam.errors import SceneError, check_fields, flag, real_array, require, whole
 from fx_beam.results.state import ROWS, State
 
-from .model import Model, once, widths_of
+from .model import Model, fact, widths_of
 
 if TYPE_CHECKING:
     from .tables import Problem
@@ -213,7 +213,7 @@ class Recorder:
         self.plan(0, times, last=True)
         rows = len(self.grid.steps)
         names += self.serving
-        widths = once(model, widths_of)
+        widths = fact(model, widths_of)
         self.arrays = {name: np.zeros((rows, widths[name])) for name in names}
 
     def restart(self) -> None:

@@ -12,9 +12,10 @@ import numpy as np
 
 from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
+from fx_beam.shallow_copy import shallow_copy
 
-from .form_tables import aligned_zeros
-from .model import Model, once, sizes_of
+from .block import aligned_zeros
+from .model import Model, fact, sizes_of
 
 # An empty state, which is copied and filled to make others.
 _EMPTY = np.empty(0)
@@ -29,7 +30,7 @@ class StateVector:
     def __init__(self, model: Model, c: Any, ffi: Any, C: Any):
         n, self._most = model.size, C.PAST
         #: Shapes of the arrays of the state by name.
-        self.shapes = {name: array.lengths(once(model, sizes_of)) for name, array in ARRAYS.items()}
+        self.shapes = {name: array.lengths(fact(model, sizes_of)) for name, array in ARRAYS.items()}
         sizes = {name: math.prod(shape) for name, shape in self.shapes.items()}
         sizes["driven_now"] = model.reduction.driven
         # Where each unknown is a displacement of nodes, its differences are those of the nodes.
@@ -88,18 +89,12 @@ class StateVector:
         self._past = arrays["ages"], past[:, :n], past[:, n:]
         return arrays
 
-    def of(self, model: Model, c: Any, ffi: Any, memory: np.ndarray) -> StateVector:
-        """The state of another run, in a piece of memory as this one's was at first."""
-        other = object.__new__(StateVector)
-        other.__dict__.update(self.__dict__)
+    def in_block(self, model: Model, c: Any, ffi: Any, memory: np.ndarray) -> StateVector:
+        """The state of a run, in its memory, which is as it was here at first."""
+        other = shallow_copy(self)
         other._begin_in(model, c, ffi, memory)
         other._begin = memory[: self._first]
         return other
-
-    def clear(self) -> None:
-        """Forget the last run."""
-        self.memory[:], self.present = 0.0, None
-        self._ages[0][:] = self._ages[1][:] = 1.0
 
     def load(self, state: State) -> None:
         """Write a state into the memory, if it is not there."""

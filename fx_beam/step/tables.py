@@ -19,11 +19,12 @@ from fx_beam.fem.mesh import rotation_of
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import MACROS
 from fx_beam.scene.beam import gauss_rule
+from fx_beam.shallow_copy import shallow_copy
 
-from .block import Block, BlockPlan, twin
+from .block import Block, BlockPlan, aligned_zeros
 from .build import begin_to_build, load_library
-from .form_tables import FORMS, FormTables, aligned_zeros
-from .model import Model, massless_dofs, once, sizes_of
+from .form_tables import FORMS, FormTables
+from .model import Model, fact, massless_dofs, sizes_of
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE
 from .state_vector import StateVector
 from .substeps import LARGE_TURN
@@ -59,6 +60,9 @@ def _return_freed_memory() -> None:
 class SceneNumbers:
     """Members of the C struct that are numbers of the scene, which C reads here."""
 
+    # The numbers of the program.
+    _pattern: SceneNumbers
+
     def __init__(self, storage: TangentStorage):
         self._storage = storage
         self._model = model = storage.model
@@ -68,22 +72,25 @@ class SceneNumbers:
         #: Arrays by group and member, with a dot between.
         self.own = {name: np.array(values, float) for name, values in numbers.items()}
 
-    def of(self, model: Model, block: Block) -> SceneNumbers:
-        """Those of another scene in a block; `bind` writes them."""
-        other = twin(self)
-        other._model = model
+    def in_block(self, block: Block, model: Model) -> SceneNumbers:
+        """The numbers of a run, in its block, which has those of the program."""
+        other = shallow_copy(self)
+        other._model, other._pattern = model, self
         other.own = {name: block.view(array) for name, array in self.own.items()}
         return other
 
-    def bind(self) -> np.ndarray | None:
-        """Set all to the numbers that the model has now; coordinates of cells if nodes moved."""
-        mesh, moved = self._model.mesh, self._model.mesh.X is not self._X
-        heavier = self.data.masses is not self._model.data.masses
-        numbers = self._numbers(heavier) | (self._positions() if moved else {})
-        for name, values in numbers.items():
+    def write(self) -> np.ndarray | None:
+        """Write the numbers of the model into a block that has those of the program.
+
+        Gives coordinates of cells if these differ from those of the program.
+        """
+        model, pattern = self._model, self._pattern
+        moved = model.mesh.X is not pattern._X
+        numbers = self._numbers(pattern.data.masses is not model.data.masses)
+        for name, values in (numbers | (self._positions() if moved else {})).items():
             self.own[name][...] = values
-        self.data, self._X = self._model.data, mesh.X
-        return mesh.coordinates if moved else None
+        self.data = model.data
+        return model.mesh.coordinates if moved else None
 
     def _positions(self) -> dict[str, np.ndarray]:
         """The numbers that change where nodes move, by the names in c/problem.h."""
@@ -120,13 +127,15 @@ class SceneNumbers:
 class Problem:
     """The C struct Problem of a model, and the arrays to which it points."""
 
+    #: The block of a run that a program has given it, and the problem of the program.
+    block: Block
+    _pattern: Problem
+
     def __init__(self, model: Model, kind: ProblemKind):
-        assert model.program is None, "use Problem.of: tables of a run have numbers of its pattern"
+        assert model.program is None, "use problem_of: tables of a run have numbers of its pattern"
         self.model, self.kind = model, kind
         #: The linear system.
         self.storage = storage = TangentStorage(model, kind)
-        #: What it has of its own, if it is of a program.
-        self.block: Block | None = None
         begin_to_build(storage.features)  # beside what is compiled for the elements
         self.ffi = declared("problem.h", MACROS)
         #: Constants of problem.h.
@@ -145,7 +154,7 @@ class Problem:
             self.set(points=[{}], statics={"diagonal_at": diagonal_at})
         else:
             self.set(**_points(storage))
-        sizes = once(model, sizes_of)  # the scene may have more by now
+        sizes = fact(model, sizes_of)  # the scene may have more by now
         self.set(motors=_motors(model), at_points={"lines": sizes["lines"]})
         if sizes["joints"]:  # also of joints that were removed
             self.set(passes=_passes(model))
@@ -180,24 +189,12 @@ class Problem:
         self.scratch = aligned_zeros(self.library.fx_scratch(self.c))
         self.set(run={"scratch": self.scratch})
         self.structs.check(self.c)
-        self.structs.remember(self.c)
         if storage.is_large:
             _return_freed_memory()
 
-    @classmethod
-    def of(cls, model: Model, kind: ProblemKind) -> Problem:
-        """A problem with the numbers that a model has now; one of earlier numbers serves again."""
-        if model.program is not None:
-            return model.program.problem_of(model, kind)
-        problem = model.problems.get(kind)
-        if problem is None or problem.numbers.data is model.data:  # that serves others now
-            problem = model.problems[kind] = cls(model, kind)
-        else:
-            problem.bind()
-        return problem
-
-    def plan(self, outer: BlockPlan) -> BlockPlan:
-        """Places in one piece of memory of all that changes in a run."""
+    @property
+    def memory(self) -> tuple[list, list[np.ndarray], list[np.ndarray]]:
+        """Structs and arrays that change in a run, and arrays that begin as zeros."""
         c, ffi, storage = self.c, self.ffi, self.storage
         structs, arrays = [c], [*self.numbers.own.values(), self.state.memory]
         if self.tables is not None:
@@ -218,49 +215,63 @@ class Problem:
             arrays.append(array_at(ffi, c.at_points.slide_rate, self.model.scene.joint_count))
         if c.loops.closures:
             arrays.append(array_at(ffi, c.loops.following, c.loops.closures))
-        blank = [self.scratch, self.inverted_q, self.sides, storage.sparse_factors]
-        plan = BlockPlan(ffi, structs, arrays, blank, outer)
-        if self.tables is not None and self.tables.is_placed:
-            plan.places = self.tables.places(plan)
-        return plan
+        return structs, arrays, [self.scratch, self.inverted_q, self.sides, storage.sparse_factors]
 
-    def of_run(self, model: Model, block: Block) -> Problem:
-        """The problem of another scene of this structure, in a block."""
-        other = object.__new__(Problem)
-        other.__dict__.update(self.__dict__)
-        other.model, other.block, view = model, block, block.view
-        other.structs = Structs(self.ffi)
+    def places(self, plan: BlockPlan) -> dict[str, tuple[np.ndarray, np.ndarray]] | None:
+        """Places in a block of the data of beams by name, if each has one of its own."""
+        return (
+            None if self.tables is None or not self.tables.is_placed else self.tables.places(plan)
+        )
+
+    def in_block(self, block: Block, model: Model) -> Problem:
+        """The problem of a run, with the numbers of its model, by the pattern that this is."""
+        other, view = shallow_copy(self), block.view
+        other._pattern, other.block, other.model = self, block, model
         other.c = c = block.struct(self.ffi, self.c)
-        other.storage = twin(self.storage)
+        other.storage = shallow_copy(self.storage)
         other.storage.model = model
         other.storage.sparse_factors = view(self.storage.sparse_factors)
         if c.system.changing:
             other.storage._rows = self.ffi.gc(c.system.changing, self.library.fx_free_rows)
         other.scratch, other.sides = view(self.scratch), view(self.sides)
         other.inverted_q = view(self.inverted_q)
-        other.state = self.state.of(model, c, self.ffi, view(self.state.memory))
-        other.numbers = self.numbers.of(model, block)
-        coordinates = other.numbers.bind()
-        if self.tables is not None:
-            numbers, places = model.data.forms.beams, block.plan.places
-            if places is None:
-                other.tables = self.tables.of_run(other, block)
-                other.tables.set_numbers(coordinates, numbers)
-                return other
-            other.__dict__.pop("tables")  # until something adds forms
-            other._pattern = self.tables
-            if coordinates is not None:
-                self.tables.move(coordinates, block)
-            memory = block.memory[: block.plan.copied].view(np.float64)
-            for name, values in numbers.items():
-                if (pair := places.get(name)) is not None:
-                    memory[pair[0]] = floats(values).ravel()[pair[1]]
+        other.state = self.state.in_block(model, c, self.ffi, view(self.state.memory))
+        other.numbers = self.numbers.in_block(block, model)
+        del other.tables  # they are made when something adds forms
+        other._write()
         return other
+
+    def restart(self) -> None:
+        """Begin anew, with the numbers that the model has now."""
+        if self.c.system.changing:
+            self.library.fx_free_rows(self.c.system.changing)
+        self.block.reset()
+        self.state.present = None
+        self._write()
+
+    def _write(self) -> None:
+        """Write the numbers of the model into the block, which is as that of the program."""
+        self.structs, coordinates = Structs(self.ffi), self.numbers.write()
+        pattern, block = self._pattern.tables, self.block
+        if pattern is None:
+            return
+        numbers, places = self.model.data.forms.beams, block.plan.places
+        if places is None or "tables" in self.__dict__:
+            assert self.tables is not None  # as the pattern has some
+            self.tables.set_numbers(coordinates, numbers)
+            return
+        if coordinates is not None:
+            pattern.move(coordinates, block)
+        memory = block.memory[: block.plan.copied].view(np.float64)
+        for name, values in numbers.items():
+            if (pair := places.get(name)) is not None:
+                memory[pair[0]] = floats(values).ravel()[pair[1]]
 
     @cached_property
     def tables(self) -> FormTables | None:
         """Tables of the forms of beams, None without any."""
-        return self._pattern.of_run(self, self.block)
+        pattern = self._pattern.tables
+        return None if pattern is None else pattern.in_block(self.block, self)
 
     @cached_property
     def library(self) -> Any:
@@ -275,14 +286,6 @@ class Problem:
         """Set members of the struct by name, as `Structs.set`."""
         self.structs.set(self.c, **values)
 
-    def bind(self) -> None:
-        """Set all numbers to those that the model has now, and all else to that before a run."""
-        coordinates = self.numbers.bind()
-        if self.tables is not None:
-            self.tables.bind(coordinates)
-        self.structs.restore(self.c)
-        self.state.clear()
-
     @property
     def work(self) -> list[np.ndarray]:
         """Arrays on which steps by the factors of earlier ones depend, beside the state."""
@@ -294,7 +297,7 @@ class Problem:
         mesh, K = model.mesh, model.forms.stiffness
         cells, cell_dofs = mesh.unknowns.dofs.shape
         at_rest = model.scheme.rates.at_rest
-        massless = np.empty(0, int) if at_rest else np.flatnonzero(once(model, massless_dofs))
+        massless = np.empty(0, int) if at_rest else np.flatnonzero(fact(model, massless_dofs))
         if natural := model.data.natural:
             self.set(
                 natural={
@@ -431,5 +434,12 @@ def _passes(model: Model) -> dict[str, object]:
                 sums.append((3 * joint.b.number + i, -1, 3 * joint.number + i, 1))
     columns = np.array(sums, dtype=int).reshape(-1, 4).T
     tables = dict(zip(("dof", "to", "of", "sign"), columns, strict=True))
-    joints = once(model, sizes_of)["joints"]
+    joints = fact(model, sizes_of)["joints"]
     return {"joints": joints, "count": len(sums), "force_count": counts[2], **tables}
+
+
+def problem_of(model: Model, kind: ProblemKind) -> Problem:
+    """A problem in C of a model, for one purpose and one user."""
+    if model.program is None:
+        return Problem(model, kind)
+    return model.program.problem_of(model, kind)

@@ -13,7 +13,7 @@ from fx_beam.coupling.reduction import Reduction
 from fx_beam.fem.sparsity import blocks_with, starts_of
 
 from .lu_layout import COSTS, GROUP, NONE, Factors, factors_of, graph_of, groups_of
-from .model import Model, massless_dofs, once
+from .model import Model, fact, massless_dofs
 from .newton import NewtonOptions
 
 if TYPE_CHECKING:
@@ -426,7 +426,7 @@ def _sliders(
         table["bordering_row"] = bordering_row
         if guide not in anchored:
             anchored.add(guide)
-            if rates.at_rest or once(model, massless_dofs)[slide.dofs[:, :2]].any():
+            if rates.at_rest or fact(model, massless_dofs)[slide.dofs[:, :2]].any():
                 table |= _anchor_of(slide, sliders, places)
         bordering_row += components + table["products"] + table.get("anchors", 0)
         tables.append(table)

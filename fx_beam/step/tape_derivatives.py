@@ -14,8 +14,8 @@ from fx_beam.errors import SceneError, any_of
 from fx_beam.fem.frictions import bristles_of
 from fx_beam.fem.scene_data import Data
 
+from .block import aligned_zeros
 from .build import begin_to_build
-from .form_tables import aligned_zeros
 from .layout import Arrays, Layout, Numbers, all_of, never_empty, put_columns
 from .model import Model
 from .reversals import LEAST_STEPS, all_places, histories_of, reversal_rows

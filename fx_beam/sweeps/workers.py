@@ -29,8 +29,8 @@ import numpy as np
 
 from fx_beam import mpi
 from fx_beam.errors import SceneError, StepError, is_whole, require
-from fx_beam.motions.motion_series import MotionSeries
-from fx_beam.motions.surroundings import forget_series, simulating_in_series
+from fx_beam.motions.surroundings import in_sweep
+from fx_beam.scene.functions import ArrayCalls
 
 # Largest number of processes.
 _MOST = 10_000
@@ -47,6 +47,9 @@ _NO_START = (
     "printed above"
 )
 
+# What is known of the functions of scenes in this process.
+_ARRAY_CALLS = ArrayCalls()
+
 
 class Outcome(NamedTuple):
     """Result of a call: a value, or a sentence on why there is none; and its time [s]."""
@@ -62,7 +65,7 @@ Outcomes = Generator[tuple[int, Outcome], None, None]
 def call(function: Callable, item: Any) -> Outcome:
     """Call the function, in the worker."""
     clock = perf_counter()
-    with simulating_in_series(MotionSeries):  # the function may change the item that it is given
+    with in_sweep(_ARRAY_CALLS):  # the function may change the item that it is given
         outcome = _tried(lambda: Outcome(function(copy.deepcopy(item)), 0.0, ""), errors=Exception)
     return outcome._replace(seconds=perf_counter() - clock)
 
@@ -111,7 +114,7 @@ class _Here:
         yield from ((index, call(self._function, item)) for index, item in enumerate(items))
 
     def close(self) -> None:
-        forget_series()
+        pass
 
 
 def cores() -> int:
