@@ -263,10 +263,10 @@ def counts():
 
 def memory(call):
     """Bytes of the arrays that a call gives to C, by their names in C."""
-    from fx_beam.motions.set_ups import RECENT
+    from fx_beam.motions.set_ups import PROGRAMS
     from fx_beam.step.tables import Problem
 
-    RECENT._waiting.clear()  # the scene is set up anew
+    PROGRAMS.clear()  # the scene is set up anew
     problems, begin = [], Problem.__init__
 
     def remember(self, *arguments, **named):

@@ -22,7 +22,7 @@ from time import perf_counter, process_time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.motions.set_ups import RECENT
+from fx_beam.motions.set_ups import PROGRAMS
 from fx_beam.step import stepper, tangent_storage
 from fx_beam.step.lu_layout import COSTS
 
@@ -116,7 +116,7 @@ def measure(sizes):
 
 def choose(costs):
     """Take these costs in the set-ups that follow, of which no earlier one serves again."""
-    tangent_storage.COSTS, RECENT.size = costs, 0
+    tangent_storage.COSTS, PROGRAMS.size = costs, 0
 
 
 def compare_turning(cells=60, dt=0.01, steps=15):

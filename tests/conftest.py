@@ -80,11 +80,10 @@ def no_libraries(monkeypatch, tmp_path):
     # Structs of models that are kept have the types of these declarations.
     types = {key: ffi for key, ffi in c_library._things.items() if key[0] is c_library.declared}
     monkeypatch.setattr(c_library, "_things", types)
-    # A set-up that waits for the next scene has its libraries: what is compiled would depend on the
-    # tests before, also where their garbage is collected late.
+    # A program has its libraries: what is compiled would depend on the tests before, also where
+    # their garbage is collected late.
     gc.collect()
-    monkeypatch.setattr(set_ups.RECENT, "_waiting", [])
-    monkeypatch.setattr(set_ups.PROGRAMS, "_known", [])
+    set_ups.PROGRAMS.clear()
     yield
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
@@ -78,9 +79,12 @@ class MotionAnalysis(Analysis):
         if self._series.tape is not None:
             self._series.tape.last = run.recorder.end
         if isinstance(rows, Solution):
-            self.t = rows.t
-            self._series.is_kept = any(map(callable, self.outputs.values()))
-            return self.t, self.read(rows)
+            self.t, y = rows.t, self.read(rows)
+            recorder = weakref.ref(run.recorder)
+            del run, rows
+            # A function of the user may have kept the solution, which then reads the record.
+            self._series.is_kept = recorder() is not None
+            return self.t, y
         self._last_run, self.t = run, run.recorder.t
         return self.t.copy(), rows
 

@@ -54,14 +54,16 @@ class MotionSeries:
     def prepare(self, scene: Scene, options: Options) -> Prepared:
         """A prepared scene: the last one with other numbers, if the structure is the same."""
         last, self.prepared, reason = self.prepared, None, ""
-        if last is not None and not self.is_kept:
+        if last is not None:
             try:
-                last.restart(scene, options)
+                if self.is_kept:
+                    last.model.structure.check(scene)
+                else:
+                    last.restart(scene, options)
+                    self.prepared = last
+                    return last
             except OtherStructureError as other:
                 reason = str(other)
-            else:
-                self.prepared = last
-                return last
         self._alike, self.is_kept = None, False
         self.prepared = new = prepare(scene, options, owned=True)
         new.stats.setup_reason = new.stats.setup_reason and (reason or new.stats.setup_reason)

@@ -11,14 +11,15 @@ from fx_beam.step.program import Program
 
 from .surroundings import call_with_arrays
 
-#: Largest number of degrees of freedom of a scene whose program is kept, and of all of these.
-_SIZE, _MOST = 25_000, 8
-
 
 class Programs:
-    """The latest programs, by the structure of their scenes; threads may share them."""
+    """The latest programs, by the structure of their scenes; threads may share them.
 
-    def __init__(self) -> None:
+    At most so many; all of them together have at most `size` degrees of freedom.
+    """
+
+    def __init__(self, size: int = 25_000, most: int = 8):
+        self.size, self._most = size, most
         # The latest one that was used is the last.
         self._programs: dict[tuple, Program] = {}
 
@@ -43,7 +44,7 @@ class Programs:
                 return model, ""
         model = Model(scene, scheme, **options)
         reason = reason or self._reason(kind, structure)
-        is_large = model.size > _SIZE
+        is_large = model.size > self.size
         if is_large and not owned:
             return model, reason
         program = Program(model)
@@ -51,12 +52,16 @@ class Programs:
             self._keep(key, program)
         return program.model_of(scene), reason
 
+    def clear(self) -> None:
+        """Keep no program; runs that have one go on."""
+        self._programs = {}
+
     def _keep(self, key: tuple, program: Program) -> None:
         """Have a program as the latest, and drop the earliest ones beyond a number and a size."""
         others = [entry for entry in [*self._programs.items()] if entry[0] != key]
         kept, size = [(key, program)], program.model.size
-        for entry in others[::-1][: _MOST - 1]:
-            if (size := size + entry[1].model.size) > _SIZE:
+        for entry in others[::-1][: self._most - 1]:
+            if (size := size + entry[1].model.size) > self.size:
                 break
             kept.append(entry)
         self._programs = dict(kept[::-1])

@@ -11,7 +11,7 @@ from jointed import chain as links
 from plain_step import assert_balanced
 
 import fx_beam as fb
-from fx_beam.motions.set_ups import RECENT
+from fx_beam.motions.set_ups import PROGRAMS
 
 MASS, LENGTH, GRAVITY = 2.0, 0.1, 10.0
 SOFT = fb.Section(EA=1e4, GA=1e4, EI=50.0, rhoA=1.0, rhoI=0.01)
@@ -186,7 +186,7 @@ def test_the_memory_for_long_chains_and_loops_grows_in_proportion_to_the_bodies(
     made, n, monkeypatch
 ):
     # In proportion it doubles; with sums over all links it is eightfold. The first fills caches.
-    monkeypatch.setattr(RECENT, "size", 0)  # each scene is set up anew
+    monkeypatch.setattr(PROGRAMS, "size", 0)  # each scene is set up anew
     fb.simulate(MADE[made](n), dt=0.001, t_end=0.002)
     few, many = (memory(MADE[made](k)) for k in (n, 2 * n))
     assert many < 3 * few

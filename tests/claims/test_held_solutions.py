@@ -1,4 +1,4 @@
-"""Solutions that are kept, and read when their set-up has served other scenes, to the digit."""
+"""Solutions that are kept, and read when others of their program have run, to the digit."""
 
 import threading
 
@@ -68,7 +68,7 @@ def motion(EI, **options):
 STIFFNESSES = [10.0 + k for k in range(6)]
 
 
-def test_a_list_of_solutions_needs_one_set_up():
+def test_a_list_of_solutions_needs_one_program():
     solutions = [motion(EI) for EI in STIFFNESSES]
     assert not any(solution.stats.setup_reason for solution in solutions[1:])
     for solution, EI in zip(solutions, STIFFNESSES, strict=True):
@@ -77,8 +77,8 @@ def test_a_list_of_solutions_needs_one_set_up():
             np.testing.assert_array_equal(array, alone[key], err_msg=key)
 
 
-def test_a_load_may_read_an_earlier_solution_of_its_own_set_up():
-    """In the middle of the steps that the set-up takes with other numbers."""
+def test_a_load_may_read_an_earlier_solution_of_its_own_program():
+    """In the middle of steps with other numbers."""
     earlier = motion(10.0, load=lambda t: t)
     moment = motion(10.0, load=lambda t: t).resultants("beam 1").M[-1, 0]
     read = []
@@ -94,7 +94,7 @@ def test_a_load_may_read_an_earlier_solution_of_its_own_set_up():
     np.testing.assert_array_equal(disturbed.q, expected.q)
 
 
-def test_threads_read_solutions_while_their_set_up_takes_steps():
+def test_threads_read_solutions_while_others_of_their_program_run():
     expected = [all_that_is_read(motion(EI)) for EI in STIFFNESSES]
     solutions = [motion(EI) for EI in STIFFNESSES]
     by_thread, going = [[], []], threading.Event()
@@ -168,11 +168,11 @@ PATHS = {
 
 
 @pytest.mark.parametrize("options", PATHS.values(), ids=PATHS)
-def test_paths_that_are_kept_share_a_set_up_and_stay_what_they_are(options):
+def test_paths_that_are_kept_share_a_program_and_stay_what_they_are(options):
     numbers = (1.0, -4.0, 1.0), (1.2, -4.4, 1.1), (0.9, -3.8, 0.95)
     expected = [all_of_a_path(fb.static(column(*x), **options)) for x in numbers]
     paths = [fb.static(column(*x), **options) for x in numbers]
-    assert len({id(path.load_path.model) for path in paths}) == 1
+    assert len({id(path.load_path.model.program) for path in paths}) == 1
     assert "load 0" in expected[0]
     for path, arrays in [*zip(paths, expected, strict=True)][::-1]:
         for key, array in all_of_a_path(path).items():
@@ -212,7 +212,7 @@ def test_static_responses_have_derivatives_of_their_own_path():
     np.testing.assert_allclose(expected[..., 0], (tips[1] - tips[0]) / (2 * h), atol=1e-7)
 
 
-def test_a_motion_goes_on_after_a_solution_of_its_set_up_was_read():
+def test_a_motion_goes_on_after_a_solution_of_its_program_was_read():
     def stepped(*earlier):
         steps = fb.Motion(bar(12.0), dt=0.01, record=fb.Record())
         for k in range(10):
@@ -239,7 +239,7 @@ RESPONSES = {
 
 
 @pytest.mark.parametrize("response", RESPONSES.values(), ids=RESPONSES)
-def test_a_path_is_no_mechanism_after_its_set_up_has_served_one(response):
+def test_a_path_is_no_mechanism_after_its_program_has_served_one(response):
     """The work in load steps has derivatives only where no mechanism settles."""
 
     def held_bar(axis, load):

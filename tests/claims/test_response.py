@@ -10,6 +10,7 @@ from jointed import frame, linkage
 from scenes import assert_refused, clamped_bar, held_body, pinned_bar
 
 import fx_beam as fb
+from fx_beam.motions.set_ups import PROGRAMS
 
 # -- Every number of a scene -----------------------------------------------------------------
 
@@ -174,6 +175,7 @@ def test_another_structure_is_set_up_anew_and_this_is_said(reason):
             CHANGES[reason](scene, scene.beams[0].end)
         return scene, outputs
 
+    PROGRAMS.clear()  # which other tests may have made
     run = fb.Response(build, dt=0.01, t_end=0.05)
     run([1.0, 1.0, 0.0, 0.0])
     assert run.stats.setup_reason == "the first scene"
@@ -192,6 +194,7 @@ def test_another_structure_is_set_up_anew_and_this_is_said(reason):
 def test_a_scene_to_which_something_is_added_is_set_up_anew():
     scene, outputs = pendulum([1.0, 1.0, 0.0])
     run = fb.Response(lambda x: (scene, {"end": outputs["end"]}), dt=0.01, t_end=0.05)
+    PROGRAMS.clear()
     for reason in ("the first scene", ""):
         before = run([1.0])[1]["end"]
         assert run.stats.setup_reason == reason
@@ -323,6 +326,7 @@ CASES = [{"x": [1.0 + 0.1 * k, 1.0 + 0.2 * k, float(k)]} for k in range(3)]
 
 
 def test_sweeps_set_numbers_only_and_give_the_same():
+    PROGRAMS.clear()
     with ThreadPoolExecutor(1) as executor:
         table = fb.sweep(measured, CASES, executor=executor)
     rows = table.to_dict("records") if hasattr(table, "to_dict") else table
@@ -331,8 +335,9 @@ def test_sweeps_set_numbers_only_and_give_the_same():
         assert row["end"] == measured(case)["end"]
 
 
-def test_solutions_of_a_sweep_that_are_kept_share_a_set_up():
+def test_solutions_of_a_sweep_that_are_kept_share_a_program():
     """Their resultants are computed when they are asked for."""
+    PROGRAMS.clear()
     solutions = []
     with ThreadPoolExecutor(1) as executor:
         fb.sweep(lambda case: measured(case, solutions), CASES, executor=executor)

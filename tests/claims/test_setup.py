@@ -11,7 +11,7 @@ from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.fem import ffcx_api
-from fx_beam.motions.set_ups import PROGRAMS, RECENT
+from fx_beam.motions.set_ups import PROGRAMS
 
 
 def arm(elements=3, length=1.0, EA=1e4, force=1.0, degree=1, second=None, **more):
@@ -100,7 +100,7 @@ def test_two_models_of_a_kind_do_not_share_their_fields():
     (first, beam), (other, _) = arm(), arm(EA=2e4, length=2.0, force=3.0)
     solution = fb.simulate(first, dt=0.01, t_end=0.05)
     fb.simulate(other, dt=0.01, t_end=0.05)
-    again = fb.simulate(first, dt=0.01, t_end=0.05)  # by the model of the other, no longer in use
+    again = fb.simulate(first, dt=0.01, t_end=0.05)  # by the program of the other
     assert not again.stats.setup_reason
     np.testing.assert_array_equal(solution.resultants(beam).N, again.resultants(beam).N)
 
@@ -114,14 +114,15 @@ def test_scenes_of_thousands_of_elements_are_prepared_once_as_well():
     assert [reason_of(2001), reason_of(2001)] == ["the first scene", ""]
 
 
-def test_schemes_that_are_compared_have_a_set_up_each():
+def test_schemes_that_are_compared_have_a_program_each():
     schemes = [fb.EnergyMomentum(), fb.GeneralizedAlpha(0.9), fb.GeneralizedAlpha(0.8)]
     reasons = [[reason_of(6, scheme) for scheme in schemes] for _ in range(2)]
     assert reasons[1] == ["", "", ""]
 
 
 def test_the_earliest_of_the_prepared_scenes_is_forgotten_beyond_a_size(monkeypatch):
-    monkeypatch.setattr(RECENT, "size", 60)  # degrees of freedom
+    PROGRAMS.clear()
+    monkeypatch.setattr(PROGRAMS, "size", 60)  # degrees of freedom
     sizes = [7, 9, 7, 8, 7, 9]  # of which two are held, but not three
     new = [bool(reason_of(elements)) for elements in sizes]
     assert new == [True, True, False, True, False, True]
@@ -163,8 +164,7 @@ def test_functions_that_give_the_same_are_written_once(kind, monkeypatch):
     same = LAWS[kind]()
     for made, count in ((LAWS[kind], 2), (LAWS[kind], 7), (lambda: same, 7)):
         signed.clear()
-        monkeypatch.setattr(RECENT, "_waiting", [])  # each scene is set up anew
-        monkeypatch.setattr(PROGRAMS, "_known", [])
+        PROGRAMS.clear()  # each scene is set up anew
         solution = fb.simulate(row_of(count, kind, made), dt=1e-3, t_end=0.02)
         counts.append(len(signed))
         motions.append(solution.q)
@@ -238,7 +238,7 @@ print(end[-1, 1] > 0)
 """
 
 
-def test_a_set_up_serves_again_after_a_solution_in_a_cycle_was_collected():
+def test_a_program_serves_after_a_solution_in_a_cycle_was_collected():
     """With the code of a user's functions, which leaves the process with the last set-up."""
     done = subprocess.run([sys.executable, "-c", CYCLE], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr

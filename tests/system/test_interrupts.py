@@ -11,7 +11,7 @@ from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.content_cache import cached_property
-from fx_beam.motions.set_ups import PROGRAMS, RECENT
+from fx_beam.motions.set_ups import PROGRAMS
 from fx_beam.step import full_turns, single_steps
 from fx_beam_studies import stability
 
@@ -185,9 +185,8 @@ def alarm():
 def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctrl_c, monkeypatch):
     run = RUNS[name]()
     # Each run sets up a model of its own, so that it has as many lines as the others.
-    monkeypatch.setattr(RECENT, "size", 0)
-    monkeypatch.setattr(RECENT, "_waiting", [])
-    monkeypatch.setattr(PROGRAMS, "_known", [])
+    monkeypatch.setattr(PROGRAMS, "size", 0)
+    PROGRAMS.clear()
     if name == "turns":
         monkeypatch.setattr(full_turns, "STEPS", 3)
     whole = run()

@@ -9,7 +9,7 @@ import pytest
 
 import fx_beam as fb
 from fx_beam.equilibria.small_motions import SmallMotions
-from fx_beam.motions import motion_series, set_ups
+from fx_beam.motions.set_ups import PROGRAMS
 from fx_beam.step import tangent_storage, threads
 from fx_beam.step.tables import Problem
 
@@ -56,8 +56,8 @@ def bent():
 @pytest.fixture
 def large(monkeypatch):
     """Scenes of these tests are large ones, each of which is set up anew."""
-    monkeypatch.setattr(set_ups, "RECENT", set_ups.SetUps(size=0))
-    monkeypatch.setattr(motion_series, "RECENT", set_ups.RECENT)
+    monkeypatch.setattr(PROGRAMS, "size", 0)
+    PROGRAMS.clear()
     monkeypatch.setattr(tangent_storage, "LARGE", 100)
     monkeypatch.setenv("FX_BEAM_THREADS", "2")
 
@@ -89,13 +89,13 @@ def problems(monkeypatch):
         noted.append(self)
 
     monkeypatch.setattr(Problem, "__init__", begun)
-    of_run = Problem.of_run
+    in_block = Problem.in_block
 
     def begun_in_block(self, *arguments):
-        noted.append(run := of_run(self, *arguments))
+        noted.append(run := in_block(self, *arguments))
         return run
 
-    monkeypatch.setattr(Problem, "of_run", begun_in_block)
+    monkeypatch.setattr(Problem, "in_block", begun_in_block)
     return noted
 
 

@@ -107,7 +107,7 @@ def test_all_c_compiles_with_clang_as_well(monkeypatch, no_libraries):
     monkeypatch.setattr(c_library.subprocess, "run", noted)
     monkeypatch.setenv("CC", "clang")
     monkeypatch.setattr(c_library, "_things", {})
-    monkeypatch.setattr(set_ups.RECENT, "_waiting", [])
+    set_ups.PROGRAMS.clear()
     solution = fb.simulate(pinned_beam()[0], **run)
     assert len(commands) == 4
     assert solution.q == pytest.approx(expected, abs=1e-9 * abs(expected).max())
