@@ -70,6 +70,8 @@ class Reduction:
 
     def in_block(self, block: Any, compiled_points: CompiledPoints) -> Reduction:
         """The reduction of a run, whose joints are in its block."""
+        if self.couplings.is_selection and compiled_points is self._compiled_points:
+            return self  # nothing of it changes
         other = shallow_copy(self)
         other._pattern, other._compiled_points, other.singularity = self, compiled_points, ""
         other.joints = self.joints.in_block(block)

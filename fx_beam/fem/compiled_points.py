@@ -81,11 +81,12 @@ class CompiledPoints:
 
     def in_block(self, block: Any, points: PointForces) -> CompiledPoints:
         """The struct in the block of a run, with the points there."""
+        if not points.any:
+            return self
         other = shallow_copy(self)
         other.points, other._load_increment = points, 0.0
-        if points.any:
-            other._all = block.struct(self._ffi, self._all)
-            other.address = int(self._ffi.cast("uintptr_t", other._all))
+        other._all = block.struct(self._ffi, self._all)
+        other.address = int(self._ffi.cast("uintptr_t", other._all))
         points.parameters.add_reader(other.set_parameters)
         return other
 

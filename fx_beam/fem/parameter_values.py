@@ -55,16 +55,19 @@ class ParameterValues:
         self._readers: list[Callable[[np.ndarray], None]] = []
         #: Whether stored energies depend on values that vary.
         self.energies_vary = False
+        self._held = False
         self.set_functions(signals)
 
     def set_functions(self, signals: ParameterFunctions) -> None:
         """Take the values of the same parameters of a scene, by their functions of time."""
-        self.signals, self._held = signals, False
         if self.names:
+            self.signals, self._held = signals, False
             self.use(self.at(0.0))
 
     def in_block(self, block: Any) -> ParameterValues:
         """Parameters whose values are in the block of a run; readers are to be added."""
+        if not self.names:
+            return self
         other = shallow_copy(self)
         other.values, other._readers = block.view(self.values), []
         return other
@@ -109,8 +112,9 @@ class ParameterValues:
 
     def hold(self, t: float) -> None:
         """Keep the values at a time [s], as in statics."""
-        self.use(self.signals.at(t))
-        self._held = True
+        if self.names:
+            self.use(self.signals.at(t))
+            self._held = True
 
     def begin(self, level: float, values: np.ndarray | None = None) -> None:
         """Set the values of a step: at the time of its level [s], or `values` (n,)."""

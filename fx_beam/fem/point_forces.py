@@ -214,6 +214,8 @@ class PointForces:
 
     def set_numbers(self, data: FormData) -> None:
         """Set the numbers of all forces, and of contact with members."""
+        if not self.any:
+            return
         self.followers = data.followers
         if self.members is not None:
             self.members.set_numbers(data.pairs)
@@ -226,6 +228,8 @@ class PointForces:
 
     def in_block(self, block: Any, parameters: ParameterValues, mesh: Mesh) -> PointForces:
         """Forces whose numbers are in the block of a run; `set_numbers` is to follow."""
+        if not self.any:
+            return self
         other, view = shallow_copy(self), block.view
         other.parameters = parameters
         if self.members is not None:

@@ -60,7 +60,7 @@ class Prepared:
 
         OtherStructureError if it, or what is asked for, differs in more; nothing is set then.
         """
-        if self.model.block is None:
+        if self.model.program is None:
             raise OtherStructureError(
                 "the scheme has functions of your own, which may have changed"
             )

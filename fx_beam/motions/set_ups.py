@@ -58,7 +58,10 @@ class Programs:
 
     def _keep(self, key: tuple, program: Program) -> None:
         """Have a program as the latest, and drop the earliest ones beyond a number and a size."""
-        others = [entry for entry in [*self._programs.items()] if entry[0] != key]
+        entries = [*self._programs.items()]
+        if entries and entries[-1][1] is program:
+            return
+        others = [entry for entry in entries if entry[1] is not program]
         kept, size = [(key, program)], program.model.size
         for entry in others[::-1][: self._most - 1]:
             if (size := size + entry[1].model.size) > self.size:

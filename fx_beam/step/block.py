@@ -12,12 +12,15 @@ import mmap
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from sys import getrefcount
 from typing import Any
 
 import numpy as np
 
 # Size of a cache line, and size from which zeros are in pages of their own [bytes].
 _LINE, _LARGE = 64, 1 << 22
+# Number of memories of blocks that are looked at for another one.
+_WARM = 4
 
 
 def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:
@@ -64,6 +67,16 @@ def _words_of(ffi: Any, kind: Any, first: int = 0) -> Iterator[int]:
             yield from _words_of(ffi, kind.item, first + i * ffi.sizeof(kind.item))
 
 
+def _first_of(memories: list[np.ndarray]) -> tuple[np.ndarray, tuple[int, int]]:
+    """The first of some memories, which is taken out, and how many references it and views have."""
+    memory = memories.pop(0)
+    return memory, (getrefcount(memory), getrefcount(memory.base))
+
+
+# References of a memory that nothing else has.
+_ALONE = _first_of([aligned_zeros(_LINE, dtype=np.uint8)])[1]
+
+
 class BlockPlan:
     """Places of the structs and arrays of a template in one piece of memory.
 
@@ -100,6 +113,8 @@ class BlockPlan:
                 self.copied = offset
         #: Places of numbers of forms by name, if each has one of its own.
         self.places: dict[str, tuple] | None = None
+        # Memories of the latest blocks.
+        self._memories: list[np.ndarray] = []
         #: Places of what was asked for, by id.
         self.known: dict[int, tuple] = {}
         #: Size [bytes]; behind `copied` there are zeros.
@@ -137,17 +152,33 @@ class BlockPlan:
 
     def block(self, outer: Block | None = None) -> Block:
         """A block as the template was; pointers lead also to what the `outer` block has."""
-        return Block(self, outer)
+        memory = self._unused_memory()
+        if memory is None:
+            memory = aligned_zeros(self.size, dtype=np.uint8)
+        block = Block(self, memory, outer)
+        if self.size < _LARGE:
+            self._memories.append(memory)
+            del self._memories[:-_WARM]
+        block.reset()
+        return block
+
+    def _unused_memory(self) -> np.ndarray | None:
+        """Memory of an earlier block to which nothing refers any more: it is warm."""
+        for _ in range(len(self._memories)):
+            with suppress(IndexError):  # another thread may take the last one
+                memory, references = _first_of(self._memories)
+                if references == _ALONE:
+                    return memory
+                self._memories.append(memory)
+        return None
 
 
 class Block:
     """The memory of one run."""
 
-    def __init__(self, plan: BlockPlan, outer: Block | None = None):
-        self.plan, self._outer = plan, outer
-        self.memory = aligned_zeros(plan.size, dtype=np.uint8)
-        self.base = address_of(self.memory)
-        self.reset()
+    def __init__(self, plan: BlockPlan, memory: np.ndarray, outer: Block | None = None):
+        self.plan, self.memory, self._outer = plan, memory, outer
+        self.base = address_of(memory)
 
     def reset(self) -> None:
         """Be as the template was, but for what begins as zeros."""

@@ -35,7 +35,8 @@ class Program:
     def model_of(self, scene: Scene) -> Model:
         """The model of a scene of this structure; OtherStructureError if other numbers are zero."""
         data = read_numbers(self.model, scene)
-        model = self.model.in_block(self.plan.block(), self)
+        block = self.plan.block() if self.plan.size else None
+        model = self.model.in_block(block, self)
         model.set_numbers(data)
         return model
 

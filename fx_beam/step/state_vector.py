@@ -78,7 +78,10 @@ class StateVector:
         self._model, self._c, self.memory, self.present = model, c, memory, None
         arrays = {name: memory[place] for name, place in self.places.items()}
         #: Arrays of the state, and positions (driven,) of driven motions.
-        self.arrays = {name: arrays[name].reshape(shape) for name, shape in self.shapes.items()}
+        self.arrays = {
+            name: arrays[name] if len(shape) == 1 else arrays[name].reshape(shape)
+            for name, shape in self.shapes.items()
+        }
         self._driven = arrays["driven_now"]
         self._ages = arrays["ages"], arrays["error_ages"]
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.

@@ -232,7 +232,8 @@ class Problem:
         other.storage.model = model
         other.storage.sparse_factors = view(self.storage.sparse_factors)
         if c.system.changing:
-            other.storage._rows = self.ffi.gc(c.system.changing, self.library.fx_free_rows)
+            free, rows = self.library.fx_free_rows, c.system.changing  # in memory that `c` has
+            other.storage._rows = self.ffi.gc(rows, lambda rows, _=c: free(rows))
         other.scratch, other.sides = view(self.scratch), view(self.sides)
         other.inverted_q = view(self.inverted_q)
         other.state = self.state.in_block(model, c, self.ffi, view(self.state.memory))
