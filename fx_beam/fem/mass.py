@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import functools
-import logging
 from typing import Any
 
 import numpy as np
 import scipy.sparse
 
 from fx_beam.dual import MaybeDual, dual_array, dual_of, floats, linear
-from fx_beam.errors import all_of, any_of
+from fx_beam.errors import all_of, any_of, warn_once
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.shallow_copy import shallow_copy
@@ -20,7 +19,6 @@ from .loads import LoadedBeams, element_rule
 from .mesh import Mesh
 from .sparsity import positions_in
 
-_log = logging.getLogger("fx_beam")
 _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 
 
@@ -157,7 +155,7 @@ class Mass:
         return other
 
     def name(self, scene: Scene, at_rest: bool) -> None:
-        """Note what there is, without inertia `at_rest`, and warn if gravity acts on no mass."""
+        """Note what there is, without inertia `at_rest`."""
         if not at_rest:
             sections = distinct(beam.section for beam in scene.beams)
             named = _WORDS.items()
@@ -165,8 +163,12 @@ class Mass:
             self.assembled += ["lumped mass"] * bool(scene.masses)
         if self.weight is not None and scene.gravity is not None:
             self.assembled.append("gravity")
+
+    def warn_of_no_weight(self, scene: Scene) -> None:
+        """Warn if gravity acts on no mass."""
+        if self.weight is not None and scene.gravity is not None:
             if any_of(floats(scene.gravity)) and not any_of(self.weight):
-                _log.warning("gravity acts on no mass. Give sections rho or rhoA, or add masses")
+                warn_once("gravity acts on no mass. Give sections rho or rhoA, or add masses")
 
     def _masses(self, scene: Scene, X: MaybeDual) -> MaybeDual:
         masses = dual_array([(m, m, inertia) for _, m, inertia in scene.masses]).reshape(-1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -136,6 +136,12 @@ def _without_numbers(force: PointForce) -> tuple:
     return force.law.kind, *force[2:7], force.load.joint, force.load.turn, force.line
 
 
+def _check_at_zero(laws: Iterable[CompiledLaw | LineLaw], parameters: ParameterValues) -> None:
+    """SceneError if a law is not finite at zero, by the present values of its parameters."""
+    for law in dict.fromkeys(laws):
+        law.check_at_zero(parameters.values[parameters.indices(law.parameters)])
+
+
 def _placed(
     forces: Sequence[PointForce], rule: StepRule, parameters: ParameterValues
 ) -> tuple[list[PlacedForce], np.ndarray]:
@@ -146,8 +152,7 @@ def _placed(
 
     laws = [force.law for force in forces]
     pairs = [*zip(forces, laws_of_forces(laws, rule), strict=True)]
-    for law in dict.fromkeys(law for _, law in pairs):
-        law.check_at_zero(parameters.values[parameters.indices(law.parameters)])
+    _check_at_zero((law for _, law in pairs), parameters)
     variables = itertools.accumulate((law.internal for law in laws), initial=0)
     triples = sorted(zip(pairs, variables, strict=False), key=lambda x: x[0][0].role)
     sizes = [(w.input_count, w.size, w.law.numbers, len(w.entries)) for (_, w), _ in triples]
@@ -225,6 +230,9 @@ class PointForces:
         self.placed = [placed._replace(force=force) for placed, force in pairs]
         for placed in self.placed:
             placed.numbers[:] = placed.force.numbers
+        if self.parameters.names:
+            laws = (placed.law for placed in self.placed)
+            _check_at_zero((law for law in laws if law.parameters), self.parameters)
 
     def in_block(self, block: Any, parameters: ParameterValues, mesh: Mesh) -> PointForces:
         """Forces whose numbers are in the block of a run; `set_numbers` is to follow."""

@@ -82,6 +82,7 @@ class Model:
         self.masses.set_numbers(data.masses)
         self.masses.assembled += [str(load) for load in scene.loads]
         self.masses.name(scene, scheme.rates.at_rest)
+        self.masses.warn_of_no_weight(scene)
         self.reduction: Reduction
         self._build_reduction()
         #: Whether friction sticks, whose damping depends on masses and places.
@@ -126,12 +127,15 @@ class Model:
         elsewhere = not data.lies_as(self.data)
         if elsewhere and self.couplings.need_places:
             raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
-        self.data, self.scene = data, data.scene
+        gears, self.data, self.scene = self.data.gears, data, data.scene
         self.masses.set_numbers(data.masses)
+        self.masses.warn_of_no_weight(data.scene)
         if elsewhere:
             self.mesh.move(floats(data.X))
             self.units = Units(self.mesh, self.couplings)
         self.reduction.joints.set_numbers(data.arms, data.gears)
+        if data.gears != gears:
+            self._check_loops()
         if self.sticks:
             self.data = data = damped(self, data, self.reduction)
         self.forms.set_numbers(data.forms)
@@ -224,14 +228,19 @@ class Model:
             loops=loops,
         )
         self.reduction.joints.set_numbers(self.data.arms, self.data.gears)
+        self._check_loops()
+        if not self.couplings.is_selection:
+            self.masses.assembled.append("joints")
+
+    def _check_loops(self) -> None:
+        """Refuse loops whose equations depend on each other, as those of gears may."""
+        scene, loops = self.scene, self.reduction.loops
         made_later = any(joint.place for joint in scene.joints) or any(g.value for g in scene.gears)
         if loops is not None and not made_later:
             from fx_beam.coupling.determinacy import check_loops
 
             self.reduction.begin(np.zeros(self.size), slides_at_start(scene))
             check_loops(scene, self.reduction, loops)
-        if not self.couplings.is_selection:
-            self.masses.assembled.append("joints")
 
 
 def damped(model: Model, data: Data, reduction: Reduction) -> Data:
