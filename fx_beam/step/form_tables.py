@@ -91,9 +91,6 @@ class Kernel(NamedTuple):
         return f"{{ {packed};\n{name}(A + {first}, own_w, own_c, x{unused}); }}\n"
 
 
-# Data of cells that not all scenes have: a tangent in rows or in a chain, and fields of beams.
-_NOT_ALWAYS = "stored_at", "run", "single_start", "single_from", "single_to", "internal", "natural"
-_OF_THREADS = "colour_start", "piece"
 # Blocks of cells that have their coefficients each.
 _FEW = 64
 # Size from which zeros are in pages of their own [bytes].
@@ -243,7 +240,6 @@ class FormTables:
         for integral, rows, batch in zip(integrals, cells, batches, strict=True):
             self._structs.set(integral, batch=batch, cells=len(rows), **self._data_of(rows))
             self._data.append(CellData(still, rows, self._lanes, self._ffi, integral))
-            self._structs.check(integral)
         if "load_factor" in known and not at_rest:
             self._factors.append(constants[known["load_factor"] :][:1])
         return {
@@ -258,7 +254,7 @@ class FormTables:
             "constants": constants,
             **dict(zip(("time_at", "dt_at", "memory_at"), offsets, strict=True)),
             "parameters_at": first,
-            **(parameter_members if first >= 0 else {"parameter": None}),
+            **(parameter_members if first >= 0 else {}),
         }
 
     def _data_of(self, cells: np.ndarray) -> dict[str, object]:
@@ -267,8 +263,9 @@ class FormTables:
             return self._shared[key]
         stored_at = self._storage.stored_at[self._all_forms.cell_entries[cells]]
         first_free = self._problem.tangent.stored
-        data: dict[str, object] = dict.fromkeys(_NOT_ALWAYS + _OF_THREADS)
-        data |= {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
+        data: dict[str, object] = {
+            n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"
+        }
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
         data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._problem.dofs)}
         if self._piece:

@@ -34,19 +34,6 @@ if TYPE_CHECKING:
 
 # Forms of the equations.
 _OF_EQUATIONS = "internal_forces", "drag"
-# Pointers of structs in Problem that not every scene and run needs.
-_NOT_ALWAYS = {
-    "internal": ("per_weight",),
-    "loads": ("weight",),
-    "system": (
-        *("rows", "tangent_start", "tangent_column", "factor_at", "changing"),
-        *("row_of", "unknown_of"),
-    ),
-    "at_points": ("stored_at", "slide_rate"),
-    "scheme": ("rule_stored_at", "nodal_rule"),
-    "statics": ("hold", "hold_dof", "viscous_weight", "diagonal_at"),
-    "newton": ("find", "predicted"),
-}
 
 
 def _return_freed_memory() -> None:
@@ -134,7 +121,6 @@ class Problem:
         #: Sets members of structs.
         self.structs = Structs(self.ffi)
         self.c = self.ffi.new("Problem *")
-        self.set(**{group: dict.fromkeys(names) for group, names in _NOT_ALWAYS.items()})
         storage.hand_over(self)
         self.tables = None
         self._set_mesh()
@@ -179,7 +165,6 @@ class Problem:
         #: Work space of C.
         self.scratch = aligned_zeros(self.library.fx_scratch(self.c))
         self.set(run={"scratch": self.scratch})
-        self.structs.check(self.c)
         self.structs.remember(self.c)
         if storage.is_large:
             _return_freed_memory()

@@ -183,10 +183,8 @@ class TangentStorage:
             groups = with_bordering_rows(groups, bordering)
         system = *couplings.system, problem.constants.ON_BORDER
         row_of, unknown_of = on_bordering_rows(reduction, *system)
-        unset = dict.fromkeys(("near_to", "order", "work", "position"))
         row = {
-            "elimination": groups | unset,
-            "pair": None,
+            "elimination": groups,
             "window": np.full(len(couplings.sliding), -1),
             "dof_start": couplings.all_entries.starts(self.model.size),
             **couplings.all_entries.members("dof_"),
@@ -354,7 +352,6 @@ def bordering_tables(
             "slider": tables,
         },
         "border": {
-            "listed": None,
             "rows": carriers + alone,
             "carriers": carriers,
             "block": 0 if inside else -(-(carriers + alone) // _LANES) * _LANES,
