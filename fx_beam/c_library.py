@@ -347,7 +347,7 @@ class Structs:
                 setattr(struct, name, value)
             elif kind.kind == "array":
                 getattr(struct, name)[0 : len(value)] = list(value)
-            elif kind.kind == "struct":
+            elif isinstance(value, Mapping):
                 self.set(getattr(struct, name), **value)
             elif value is None or (isinstance(value, int) and value == 0):
                 setattr(struct, name, self._ffi.NULL)

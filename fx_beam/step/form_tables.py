@@ -103,7 +103,7 @@ class FormTables:
     """Forms as ``Form`` of c/problem.h, of the `Problem` of tables.py."""
 
     def __init__(self, problem: Any):
-        self._problem, self._lanes = (p := problem.c), problem.constants.LANES
+        self._tables, self._lanes = (p := problem.c.tables), problem.constants.LANES
         self._storage, self._ffi = problem.storage, problem.ffi
         self._structs = Structs(self._ffi)
         # Cells that threads take at once.
@@ -112,7 +112,10 @@ class FormTables:
         self._all_forms, mesh = problem.model.forms, problem.model.mesh
         #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
         self.rows = {"dofs": mesh.unknowns.dofs}
-        for name, n in ("internal", p.internal.per_cell), ("natural", p.natural.per_cell):
+        for name, n in (
+            ("internal", p.internal.per_cell),
+            ("natural", p.natural.per_cell),
+        ):
             if n:
                 self.rows[name] = np.arange(p.cells * n).reshape(-1, n)
         self._coordinates_of_cells = mesh.coordinates
@@ -137,7 +140,7 @@ class FormTables:
         self.field_names  # noqa: B018  # ids of the fields of the pattern
         other = object.__new__(FormTables)
         other.__dict__.update(self.__dict__)
-        other._problem, other._storage, view = problem.c, problem.storage, block.view
+        other._tables, other._storage, view = problem.c.tables, problem.storage, block.view
         other._all_forms, other._forms = problem.model.forms, problem.model.forms.beams
         other._structs = Structs(self._ffi)
         # For forms that are added later, such as derivatives.
@@ -219,7 +222,7 @@ class FormTables:
 
     def of(self, name: str, kernel: Kernel) -> dict[str, object]:
         """Forms of a kernel; `name` is that of the form that takes longest to compile."""
-        p, data, fields = self._problem, self._forms.data, self._forms.data.moving
+        p, data, fields = self._tables, self._forms.data, self._forms.data.moving
         form, cells = kernel.forms[0], kernel.forms[0].cells
         width = form.width
         numbers = kernel.size, width, p.mesh.cell_coordinates
@@ -262,17 +265,17 @@ class FormTables:
         if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
         stored_at = self._storage.stored_at[self._all_forms.cell_entries[cells]]
-        first_free = self._problem.tangent.stored
+        first_free = self._tables.tangent.stored
         data: dict[str, object] = {
             n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"
         }
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
-        data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._problem.dofs)}
+        data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._tables.dofs)}
         if self._piece:
             data |= in_colours(nodes, self._piece)
         data["coordinates"] = coordinates = self._in_plane(self._coordinates_of_cells[cells])
         self._coordinates.append((cells, coordinates))
-        if self._problem.system.chain:
+        if self._tables.system.chain:
             rows = rows_of_nodes(stored_at, first_free, self._lanes)
             data |= rows | {"run": self._blocks(rows["run"], first_free)}
         else:

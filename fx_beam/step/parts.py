@@ -35,7 +35,6 @@ def part_tables(model: Model) -> dict[str, Any]:
         **_runs("column", np.array([parts[members] for members in column_members])),
         "inside_start": starts,
         "inside": np.concatenate(inner_parts),
-        "energy": np.zeros(2 * len(parts)),
     }
 
 

@@ -52,7 +52,7 @@ class SceneNumbers:
         #: The numbers of the model that this has.
         self.data, self._X = model.data, model.mesh.X
         numbers = self._numbers(masses=True) | self._positions()
-        #: Arrays by group and member, with a dot between.
+        #: Arrays by name.
         self.own = {name: np.array(values, float) for name, values in numbers.items()}
 
     def of(self, model: Model, block: Block) -> SceneNumbers:
@@ -75,32 +75,32 @@ class SceneNumbers:
     def _positions(self) -> dict[str, np.ndarray]:
         """The numbers that change where nodes move, by the names in c/problem.h."""
         return {
-            "mesh.position": self._model.mesh.X,
-            "mesh.per_unit": 1 / self._model.units.nodes,
-            "mesh.per_error": 1 / self._model.units.errors(self._model.scene),
+            "position": self._model.mesh.X,
+            "per_unit": 1 / self._model.units.nodes,
+            "per_error": 1 / self._model.units.errors(self._model.scene),
         }
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
         model, kind = self._model, self._storage.kind
         offset, axis = model.reduction.joints.arms
-        numbers = {"joints.offset": offset, "joints.axis": axis}
-        numbers["loads.force"] = floats(model.data.loads.entries)
+        numbers = {"offset": offset, "axis": axis}
+        numbers["load_force"] = floats(model.data.loads.entries)
         if masses:
             values, turning = 0, 0 if kind.turns else 1  # centrifugal forces have no moments
             if len(self._storage.mass_entries):
                 values = model.masses.matrix.data[self._storage.mass_entries] * [1, 1, turning]
-            numbers["mass.value"] = np.append(kind.inertia * values, 0.0)
+            numbers["mass"] = np.append(kind.inertia * values, 0.0)
         if kind.rates:
             from .inertia import little_mass
 
             matrix, units = model.masses.matrix, model.units.nodes
             little = little_mass(matrix, units, model.scene, model.mesh)
-            numbers["statics.viscous_weight"] = little
+            numbers["viscous_weight"] = little
         if model.masses.weight is not None:
-            numbers["loads.weight"] = model.masses.weight
+            numbers["weight"] = model.masses.weight
         if model.data.natural:
-            numbers["natural.value"] = floats(model.data.natural.entries)
+            numbers["natural"] = floats(model.data.natural.entries)
         return numbers
 
 
@@ -121,50 +121,50 @@ class Problem:
         #: Sets members of structs.
         self.structs = Structs(self.ffi)
         self.c = self.ffi.new("Problem *")
+        self.structs.set(self.c, tables=[{}])
         storage.hand_over(self)
         self.tables = None
         self._set_mesh()
-        self.set(forms={"has_added": model.forms.has_added}, scheme=_scheme(storage))
+        self.set(tables={"has_added": model.forms.has_added, "scheme": _scheme(storage)})
         assert self.constants.SUB_STEPS == MOST_SUB_STEPS
         if kind.rates:
             diagonal_at = storage.stored_at[model.masses.places.diagonal]
-            self.set(points=[{}], statics={"diagonal_at": diagonal_at})
+            self.set(numbers={"points": [{}]}, work={"statics": {"diagonal_at": diagonal_at}})
         else:
             self.set(**_points(storage))
         sizes = once(model, sizes_of)  # the scene may have more by now
-        self.set(motors=_motors(model), at_points={"lines": sizes["lines"]})
+        self.set(tables={"motors": _motors(model), "at_points": {"lines": sizes["lines"]}})
         if sizes["joints"]:  # also of joints that were removed
-            self.set(passes=_passes(model))
-        self.set(
-            newton={
-                **vars(kind.newton),
-                "negligible": NEGLIGIBLE * kind.newton.tolerance,
-                "energy_floor": ENERGY_FLOOR,
-                "longest_turn": LONGEST_TURN,
-                "large_turn": LARGE_TURN,
-            }
-        )
+            self.set(tables={"passes": _passes(model)})
+        newton = {
+            **vars(kind.newton),
+            "negligible": NEGLIGIBLE * kind.newton.tolerance,
+            "energy_floor": ENERGY_FLOOR,
+            "longest_turn": LONGEST_TURN,
+            "large_turn": LARGE_TURN,
+        }
+        self.set(tables={"newton": newton})
         beam_nodes = model.mesh.nodes
         if len(beam_nodes) != 1 or len(beam_nodes[0]) < len(model.mesh.X):  # else all is one part
             from .parts import part_tables
 
-            self.set(parts=part_tables(model))
+            parts = part_tables(model)
+            room = np.zeros(2 * parts.get("count", 0))
+            self.set(tables={"parts": parts}, work={"part_energy": room})
         #: Numbers of the scene, but for those of forms and points.
         self.numbers = SceneNumbers(storage)
-        for name, values in self.numbers.own.items():
-            group, member = name.split(".")
-            self.set(**{group: {member: values}})
+        self.set(numbers=self.numbers.own)
         #: The state, its past and its local errors.
         self.state = StateVector(model, self.c, self.ffi, self.library)
-        self.set(**self.state.members)
+        self.set(work=self.state.members)
         switches = sum(model.points.switch_counts)
         #: First configuration with inverted sections; switches at both ends of a sub-step.
         self.inverted_q, self.sides = np.zeros(model.size), np.zeros((2, switches))
-        self.set(inverted={"q": self.inverted_q})
-        self.set(control={"switches": switches, "sides": self.sides})
-        #: Work space of C.
-        self.scratch = aligned_zeros(self.library.fx_scratch(self.c))
-        self.set(run={"scratch": self.scratch})
+        control = {"switches": switches, "sides": self.sides}
+        self.set(work={"inverted": {"q": self.inverted_q}, "control": control})
+        #: Memory of the arrays of C's Work.
+        self.scratch = aligned_zeros(self.library.fx_lay_out(self.c, self.ffi.NULL))
+        self.library.fx_lay_out(self.c, self.ffi.from_buffer("double[]", self.scratch))
         self.structs.remember(self.c)
         if storage.is_large:
             _return_freed_memory()
@@ -188,21 +188,22 @@ class Problem:
         if self.tables is not None:
             own_structs, own_arrays = self.tables.memory
             structs, arrays = structs + own_structs, arrays + own_arrays
-        if changing := c.system.changing:
+        p, w = c.tables, c.work
+        if changing := w.factors.changing:
             structs.append(ffi.cast("ChangingRows(*)[1]", changing)[0])  # with its rows
-            sizes = c.system.positions, storage.entries, len(self.model.couplings.sliding)
-            places = c.system.order, c.system.factor_at, changing.window
+            sizes = p.system.positions, storage.entries, len(self.model.couplings.sliding)
+            places = w.factors.order, w.factors.at, changing.window
             arrays += [array_at(ffi, *x) for x in zip(places, sizes, strict=True)]
-        elif c.system.rows:
-            structs.append(ffi.cast("SparseRows *", c.system.rows))
-        if c.sliders.count:
-            structs.append(ffi.cast(f"Slider(*)[{c.sliders.count}]", c.sliders.slider)[0])
-        if c.parts.count:
-            arrays.append(array_at(ffi, c.parts.energy, 2 * c.parts.count))
-        if c.at_points.slide_rate:
-            arrays.append(array_at(ffi, c.at_points.slide_rate, self.model.scene.joint_count))
-        if c.loops.closures:
-            arrays.append(array_at(ffi, c.loops.following, c.loops.closures))
+        elif w.factors.rows:
+            structs.append(ffi.cast("SparseRows *", w.factors.rows))
+        if p.sliders.count:
+            structs.append(ffi.cast(f"Slider(*)[{p.sliders.count}]", w.slider)[0])
+        if p.parts.count:
+            arrays.append(array_at(ffi, w.part_energy, 2 * p.parts.count))
+        if w.slide_rate:
+            arrays.append(array_at(ffi, w.slide_rate, self.model.scene.joint_count))
+        if p.loops.closures:
+            arrays.append(array_at(ffi, w.following, p.loops.closures))
         blank = [self.scratch, self.inverted_q, self.sides, storage.sparse_factors]
         plan = BlockPlan(ffi, structs, arrays, blank, outer)
         if self.tables is not None and self.tables.is_placed:
@@ -219,8 +220,8 @@ class Problem:
         other.storage = twin(self.storage)
         other.storage.model = model
         other.storage.sparse_factors = view(self.storage.sparse_factors)
-        if c.system.changing:
-            other.storage._rows = self.ffi.gc(c.system.changing, self.library.fx_free_rows)
+        if c.work.factors.changing:
+            other.storage._rows = self.ffi.gc(c.work.factors.changing, self.library.fx_free_rows)
         other.scratch, other.sides = view(self.scratch), view(self.sides)
         other.inverted_q = view(self.inverted_q)
         other.state = self.state.of(model, c, self.ffi, view(self.state.memory))
@@ -257,7 +258,7 @@ class Problem:
         return load_library(self.storage.features, way)[1]
 
     def set(self, **values: object) -> None:
-        """Set members of the struct by name, as `Structs.set`."""
+        """Set `tables`, `numbers` and `work` of the struct by name, as `Structs.set`."""
         self.structs.set(self.c, **values)
 
     def bind(self) -> None:
@@ -280,20 +281,19 @@ class Problem:
         cells, cell_dofs = mesh.unknowns.dofs.shape
         at_rest = model.scheme.rates.at_rest
         massless = np.empty(0, int) if at_rest else np.flatnonzero(once(model, massless_dofs))
+        tables: dict[str, object] = {}
         if natural := model.data.natural:
-            self.set(
-                natural={
-                    "per_cell": int(np.prod(natural.shape[1:])),
-                    "count": len(natural.starts) - 1,
-                    "start": natural.starts,
-                    "at": natural.rows,
-                }
-            )
+            tables["natural"] = {
+                "per_cell": int(np.prod(natural.shape[1:])),
+                "count": len(natural.starts) - 1,
+                "start": natural.starts,
+                "at": natural.rows,
+            }
         loads = model.data.loads
         cell_size = 0 if kind.rates else int(np.prod(model.forms.internal_shape[1:]))
-        self.set(
-            cells=cells,
-            mesh={
+        tables |= {
+            "cells": cells,
+            "mesh": {
                 "nodes": len(mesh.X),
                 "cell_dofs": cell_dofs,
                 "cell_coordinates": 2 * mesh.coordinates.shape[1] // 3,
@@ -301,38 +301,38 @@ class Problem:
                 "massless": massless,
                 "threads": storage.threads,
             },
-            internal={"per_cell": cell_size},
-            tangent={"row_start": K.indptr, "column_of": K.indices, "stored_at": stored_at},
-            loads={
+            "internal": {"per_cell": cell_size},
+            "tangent": {"row_start": K.indptr, "column_of": K.indices, "stored_at": stored_at},
+            "loads": {
                 "count": len(loads.starts) - 1,
                 "start": loads.starts,
                 "dof": loads.rows,
                 "follower_forces": 0 if kind.rates else len(model.points.followers),
             },
-        )
+        }
+        self.set(tables=tables)
         if (beams := model.forms.beams) is not None and not kind.rates:
             self.tables = FormTables(self)
             forms = self.tables.all(_OF_EQUATIONS if kind.forces_only else FORMS)
-            self.set(forms=forms)
+            self.set(numbers={"forms": forms})
             if cell_size:
                 weights = gauss_rule(beams.kind.degree)[1]
                 inverse_weights = np.repeat(1 / weights, beams.internal_shape[-1])
-                self.set(internal={"per_weight": inverse_weights})
+                self.set(tables={"internal": {"per_weight": inverse_weights}})
 
     def keep_joint_forces(self) -> None:
         """Find forces of joints in each step, whether it is recorded or not."""
-        self.c.run.keeps_joint_forces = True
+        self.c.work.run.keeps_joint_forces = True
 
     def set_frame(self, frame: TurningFrame | None) -> None:
         """Let C read a frame that turns, or None."""
         if frame is not None:
             arm = frame.arms(np.zeros(self.model.size))
-            self.set(frame={"arm": arm, "spin_squared": frame.spin**2})
+            self.set(numbers={"frame": {"arm": arm, "spin_squared": frame.spin**2}})
 
     def results(self, **sizes: int) -> Iterator[np.ndarray]:
-        """Results of C in the last step: members of ``Results`` of c/problem.h, with sizes."""
-        step_results = self.library.fx_results(self.c)
-        return (array_at(self.ffi, getattr(step_results, name), n) for name, n in sizes.items())
+        """Arrays of C's Work in the last step, by the names in c/problem.h, with sizes."""
+        return (array_at(self.ffi, getattr(self.c.work, name), n) for name, n in sizes.items())
 
     def given(self) -> Iterator[np.ndarray]:
         """Inputs of a step set here: dead forces at its level, their mean, strains at the end."""
@@ -340,32 +340,32 @@ class Problem:
         return self.results(force=n, dead=n, natural_end=natural.size if natural else 0)
 
 
-def _points(storage: TangentStorage) -> dict[str, object]:
+def _points(storage: TangentStorage) -> dict[str, dict[str, object]]:
     """Forces at points, and parameters, by the names in c/problem.h."""
     model, points, stored_at = storage.model, storage.model.points, storage.stored_at
     point_members: dict[str, object] = {"spring_width": points.width}
     point_members["friction_follows"] = len(points.followed) > 0
-    tables: dict[str, object] = {"at_points": point_members, "points": [{}]}
+    tables: dict[str, object] = {"at_points": point_members}
     tables["newton"] = {"may_overshoot": model.kinks.overshoot}
+    numbers: dict[str, object] = {"points": [{}]}
+    work: dict[str, object] = {}
     if len(parameters := model.forms.parameters):
         tables["parameters"] = {
             "count": len(parameters),
-            "value": parameters.values,
             "vary": parameters.vary,
             "energies_vary": parameters.energies_vary,
         }
+        numbers["parameters"] = parameters.values
     if points.any:
         point_stored_at = np.where(points.value_at >= 0, stored_at[points.value_at], -1)
         # Each force on a slide has one entry, the last ones.
-        places, numbers = storage.slide_forces
-        point_stored_at[len(point_stored_at) - len(points.slides) + numbers] = places
-        tables["points"], point_members["stored_at"] = (
-            model.forms.compiled_points.address,
-            point_stored_at,
-        )
+        places, forces = storage.slide_forces
+        point_stored_at[len(point_stored_at) - len(points.slides) + forces] = places
+        point_members["stored_at"] = point_stored_at
+        numbers["points"] = model.forms.compiled_points.address
         if len(points.slides):
-            point_members["slide_rate"] = np.zeros(model.scene.joint_count)
-    return tables
+            work["slide_rate"] = np.zeros(model.scene.joint_count)
+    return {"tables": tables, "numbers": numbers, "work": work}
 
 
 def _scheme(storage: TangentStorage) -> dict[str, object]:

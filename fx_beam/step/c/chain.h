@@ -65,7 +65,7 @@ INLINED void eliminate_next(const Work *w, int k, int way, int keep, Four *diago
 
 /* Elimination for the right side y; returns 0 if a pivot is zero. Proceeds from both ends to the group `middle`, of which
    y becomes the solution: the processor can overlap the divisions. With `keep` for further right sides. */
-INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int keep) {
+INLINED int eliminate_chain(const Tables *p, const Work *w, int middle, int keep) {
   int last = p->system.chain - 1;
   double none[GROUP] = {0};
   Four down[3], up[3], diagonal[3], u[3];
@@ -93,7 +93,7 @@ INLINED void substitute_group(const Work *w, int k, int side, const int *reached
 }
 
 /* The solution in place of y, from that of the group in the middle: only of groups that are `reached` or not, if it is given. */
-INLINED void substitute_chain(const Problem *p, const Work *w, int middle, const int *reached, int now) {
+INLINED void substitute_chain(const Tables *p, const Work *w, int middle, const int *reached, int now) {
   int last = p->system.chain - 1;
   double x[3], z[3];
   for (int i = 0; i < 3; ++i) x[i] = z[i] = w->y[3 * middle + i];
@@ -132,7 +132,7 @@ static int are_coupled(const double *one, const double *other) {
 }
 
 /* The block (work.h), of n times four columns, from its right sides, after `eliminate_chain` that kept its rows. */
-INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, int n) {
+INLINED void solve_chain_columns(const Tables *p, const Work *w, int middle, int n) {
   double *A = w->tangent;
   Four *block = (Four *)w->block;
   int last = p->system.chain - 1, most = middle > last - middle ? middle : last - middle;

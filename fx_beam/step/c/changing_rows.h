@@ -40,7 +40,7 @@ static void add_pair(ChangingRows *c, ContactPair pair) {
 }
 
 /* The rows and unknowns on which contact points act. */
-static void find_pairs(const Problem *p, ChangingRows *c, const MemberContacts *m) {
+static void find_pairs(const Tables *p, ChangingRows *c, const MemberContacts *m) {
   c->pairs = 0;
   for (int t = 0; t < m->contact_points; ++t)
     for (int i = 0; m->contact_point[t].counted && i < CONTACT_POINT_DOFS * CONTACT_POINT_DOFS; ++i) {
@@ -53,7 +53,7 @@ static void find_pairs(const Problem *p, ChangingRows *c, const MemberContacts *
 }
 
 /* Substitutions that cost as much as a factorisation (lu_layout.py). */
-static int worth_of(const Problem *p, const ChangingRows *c) {
+static int worth_of(const Tables *p, const ChangingRows *c) {
   const SparseRows *r = &c->elimination.rows;
   double products = 0, size = r->start[r->unknowns];
   for (int i = 0; i < r->unknowns; ++i) {
@@ -73,11 +73,11 @@ static int has_contact_points(const ChangingRows *c, const MemberContacts *m) {
 }
 
 /* Places among the factors of the entries of the tangent or of its transpose, and of those of contact points. */
-static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
+static void place_entries(const Tables *p, const Work *w, ChangingRows *c, int transposed) {
   for (int i = 0; i < p->system.unknowns; ++i)
     for (int k = p->system.tangent_start[i]; k < p->system.tangent_start[i + 1]; ++k) {
       int j = p->system.tangent_column[k];
-      p->system.factor_at[k] = place_of_pair(&c->elimination, transposed ? j : i, transposed ? i : j);
+      w->factors.at[k] = place_of_pair(&c->elimination, transposed ? j : i, transposed ? i : j);
     }
   for (ContactPair *e = c->pair; e < c->pair + c->pairs; ++e)
     e->at = place_of_pair(&c->elimination, transposed ? e->column : e->row, transposed ? e->row : e->column);
@@ -85,22 +85,22 @@ static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
 }
 
 /* The rows for the graph with all pairs. */
-static void settle_rows(const Problem *p, ChangingRows *c) {
+static void settle_rows(const Work *w, ChangingRows *c) {
   find_rows(&c->elimination);
-  memcpy(p->system.order, c->elimination.order, p->system.rows->unknowns * sizeof(int));
-  ROOM(p->system.rows->factors, p->system.rows->start[p->system.rows->unknowns]);
+  memcpy(w->factors.order, c->elimination.order, w->factors.rows->unknowns * sizeof(int));
+  ROOM(w->factors.rows->factors, w->factors.rows->start[w->factors.rows->unknowns]);
   c->placed = -1;
 }
 
 /* Finds the pattern for the present contact points, if it lacks one. */
-static void change_rows(Problem *p) {
-  ChangingRows *c = p->system.changing;
-  MemberContacts *m = p->points->members;
+static void change_rows(const Tables *p, const Numbers *s, Work *w) {
+  ChangingRows *c = w->factors.changing;
+  MemberContacts *m = s->points->members;
   if (has_contact_points(c, m)) return;
   c->searches = m->searches;
   count_contact_points(m);
   begin_elimination(&c->elimination), find_pairs(p, c, m);
-  settle_rows(p, c);
-  p->system.reused.present = 0;
-  if (c->keep) p->system.reused.worth = worth_of(p, c);
+  settle_rows(w, c);
+  w->factors.reused.present = 0;
+  if (c->keep) w->factors.reused.worth = worth_of(p, c);
 }

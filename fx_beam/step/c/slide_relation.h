@@ -137,7 +137,7 @@ static void relate_turn(Slider *a, Relation *o) {
 }
 
 /* Increment of the node for that of its beam and of the arc length, its derivatives T and the virtual increment. */
-static void slide_on(const Problem *p, Slider *a, const double *D) {
+static void slide_on(const Tables *p, const Work *w, Slider *a, const double *D) {
   Relation *o = &a->relation;
   int n = a->width, exact = p->scheme.level == 0.5;
   double change[WINDOW_NODES]; /* of weights by the slide: it keeps the digits of small steps */
@@ -151,7 +151,7 @@ static void slide_on(const Problem *p, Slider *a, const double *D) {
     o->mean[k] = o->share[0] * o->at[0].of[k] + o->share[1] * o->at[1].of[k];
     for (int i = 0; i < 3; ++i) {
       int node = a->first + k, dof = a->dofs[3 * node + i];
-      o->x[0][i][k] = p->state.q[dof] + (i < 2 ? a->position[2 * node + i] : a->angle[node]);
+      o->x[0][i][k] = w->state.q[dof] + (i < 2 ? a->position[2 * node + i] : a->angle[node]);
       o->D[i][k] = D[dof], o->x[1][i][k] = o->x[0][i][k] + D[dof];
     }
   }
