@@ -8,8 +8,8 @@
 #include "reused_factors.h"
 
 /* The transpose of a chain or a band in its place; bordering rows are transposed already. */
-static void transpose_tangent(const Tables *p, const int *transposed_at, double *K) {
-  for (int i = 0; i < p->tangent.stored; ++i) {
+static void transpose_tangent(const Tangent *tangent, const int *transposed_at, double *K) {
+  for (int i = 0; i < tangent->stored; ++i) {
     double *other = K + transposed_at[i], value = K[i];
     if (other > K + i) K[i] = *other, *other = value;
   }
@@ -20,7 +20,7 @@ static int solve_transposed(const Tables *p, const Numbers *s, Work *w, const De
   double rest[2];
   Work turned = *w;
   turned.factors.reused.present = 0;
-  if (HAS(CHAIN | BAND)) transpose_tangent(p, a->transposed_at, w->tangent);
+  if (HAS(CHAIN | BAND)) transpose_tangent(&p->tangent, a->transposed_at, w->tangent);
   else if (a->transposed_at) turned.factors.at = a->transposed_at;
   return solve_reduced(p, s, &turned, 0, rest);
 }
@@ -28,7 +28,7 @@ static int solve_transposed(const Tables *p, const Numbers *s, Work *w, const De
 /* Begins a sub-step with the derivatives by the state at its end, which are those by the start of the next one. */
 static void begin_vjp(const Tables *p, const Work *w, const Derivatives *a, const Layout *at, long k, double *x) {
   int n = p->dofs, columns = p->columns + p->auxiliary.count;
-  double per_dt = rates_per_path(p, w->dt), *q = x + at->q, *q1 = x + at->q1, *v = x + at->v, *previous = x + at->q_previous;
+  double per_dt = rates_per_path(&p->scheme, w->dt), *q = x + at->q, *q1 = x + at->q1, *v = x + at->v, *previous = x + at->q_previous;
   add_given(&a->states, k + 1, share_of(a, k), x);
   memset(x + at->loads, 0, (at->Y1 - at->loads) * sizeof(double));
   memset(x + at->arms, 0, (at->size - at->arms) * sizeof(double));
@@ -60,7 +60,7 @@ static void vjp_laws(const Tables *p, const Numbers *s, const Work *w, const Der
   const Layout *at = &l->at;
   vjp(l->of + JOINED, x);
   vjp(l->of + CLOSED, x);
-  if (HAS(LOOPS) && p->loops.closures) solve_closures(p, w, 1, 0, x + at->closing);
+  if (HAS(LOOPS) && p->loops.closures) solve_closures(&p->loops, w, 1, 0, x + at->closing);
   for (int i = 0; i < p->loops.closures; ++i) x[at->R + p->loops.column[w->following[i]]] += x[at->closing + i];
   for (int i = MAPPED; i > LEVERS; --i) vjp(l->of + i, x);
   if (last) vjp(l->of + LEVERS, x);
@@ -86,7 +86,8 @@ static int vjp_solution(const Tables *p, const Numbers *s, Work *w, const Deriva
 }
 
 /* Derivatives by the equations and by the forces F that friction follows, which are internal variables. */
-static int vjp_followed(const Tables *p, const Numbers *s, Work *w, const Derivatives *a, Linear *l, const double *row, long k, double *x) {
+static int vjp_followed(const Tables *p, const Numbers *s, Work *w, const Derivatives *a, Linear *l, const double *row, long k,
+                        double *x) {
   const Layout *at = &l->at;
   begin_fixed_point(&l->following, 0);
   for (int i = 0; i < MOST_TRIALS; ++i) {
@@ -103,10 +104,10 @@ static int vjp_followed(const Tables *p, const Numbers *s, Work *w, const Deriva
 
 /* The derivatives by the closures of loops, as many as make those by the unknowns that follow zero: in `trial` these are
    found without, by columns Y at the end where the closures have the derivatives G. */
-static void vjp_closures(const Tables *p, const Work *w, int Y, const double *trial, double *closures) {
-  factorise_closures(p, w, w->G, 1);
-  for (int i = 0; i < p->loops.closures; ++i) closures[i] = -trial[Y + p->loops.column[w->following[i]]];
-  solve_closures(p, w, 1, 1, closures);
+static void vjp_closures(const Loops *loops, const Work *w, int Y, const double *trial, double *closures) {
+  factorise_closures(loops, w, w->G, 1);
+  for (int i = 0; i < loops->closures; ++i) closures[i] = -trial[Y + loops->column[w->following[i]]];
+  solve_closures(loops, w, 1, 1, closures);
 }
 
 /* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
@@ -127,7 +128,7 @@ static int vjp_step(const Tables *p, const Numbers *s, Work *w, const Derivative
     if (!(p->at_points.friction_follows ? vjp_followed(p, s, w, a, l, row, k, x) : vjp_solution(p, s, w, a, l, whole, x)))
       return 0;
   if (closes) memcpy(trial + at->Y, x + at->Y, size), vjp_laws(p, s, w, a, l, trial, 0);
-  if (closes) vjp_closures(p, w, at->Y1, trial, x + at->closures);
+  if (closes) vjp_closures(&p->loops, w, at->Y1, trial, x + at->closures);
   vjp_laws(p, s, w, a, l, x, 1);
   for (int i = 0; i < l->following.size; ++i) x[a->followed[i]] = 0; /* but a first trial */
   memcpy(a->step_slopes + k * steps, x + at->loads, steps * sizeof(double));
@@ -137,7 +138,7 @@ static int vjp_step(const Tables *p, const Numbers *s, Work *w, const Derivative
   memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(double));
   memset(x + at->closures, 0, p->loops.closures * sizeof(double));
   if (closes) memcpy(trial + at->Y, x + at->Y, size), vjp(l->of + BEGUN, trial);
-  if (closes && begin_loops(p, s, w)) vjp_closures(p, w, at->Y, trial, x + at->closures);
+  if (closes && begin_loops(p, s, w)) vjp_closures(&p->loops, w, at->Y, trial, x + at->closures);
   vjp(l->of + BEGUN, x);
   if (!a->unknown_slopes) return 1;
   for (int i = 0; i < p->free; ++i) a->unknown_slopes[i] += x[at->Y + i] + x[at->Y1 + i];
@@ -150,11 +151,11 @@ KEPT long fx_vjp(Problem *problem, const Tape *tape, const Derivatives *a) {
   const Tables *p = problem->tables; const Numbers *s = &problem->numbers; Work *w = &problem->work;
   Linear l;
   long left = tape->rows;
-  begin_linear(p, s, w, a, &l);
+  begin_linear(p, s->points, w, a, &l);
   w->transposed = 1, w->slopes_only = p->internal.per_cell || a->unknown_slopes, l.following.size = s->points->followed.size;
   for (; left; --left) {
     if (tape->apart) memset(a->x + l.at.Y, 0, (l.at.v - l.at.Y) * sizeof(double));
     if (!vjp_step(p, s, w, a, &l, tape, left - 1)) break;
   }
-  return end_linear(w, &l, left);
+  return end_linear(&w->factors, &l, left);
 }

@@ -48,8 +48,8 @@ HOT void pack(const Tables *p, const Work *w, const Form *form, const Integral *
 }
 
 /* Length of a sub-step relative to the step before, at most 1; 0 without one. */
-static double ratio_of_lengths(const Work *w, double dt) {
-  return w->state.length > 0 ? fmin(1, dt / w->state.length) : 0;
+static double ratio_of_lengths(const State *state, double dt) {
+  return state->length > 0 ? fmin(1, dt / state->length) : 0;
 }
 
 /* Apart from what each step passes, of which the compiler would make a loop with vectors. */
@@ -68,8 +68,8 @@ static void begin_form(const Numbers *s, const Work *w, const Form *form, double
 }
 
 /* Begins the forms of forces of elements, at the level of a sub-step. */
-static void begin_elements(const Tables *p, const Numbers *s, const Work *w) {
-  double t = w->state.t + p->scheme.level * w->dt;
+static void begin_elements(const Scheme *scheme, const Numbers *s, const Work *w) {
+  double t = w->state.t + scheme->level * w->dt;
   begin_form(s, w, &s->forms.internal_forces, t);
   begin_form(s, w, &s->forms.drag, t);
   begin_form(s, w, &s->forms.added, t);
@@ -127,7 +127,8 @@ INLINED void add_tangents(int n, const Integral *integral, long block, const dou
 }
 
 /* Adds forces of some blocks of elements with n degrees of freedom to f and, unless K is 0, their tangent to matrix entries. */
-INLINED void assemble_elements(const Tables *p, const Work *w, int n, const Form *form, const Integral *integral, long first, long last, double *K) {
+INLINED void assemble_elements(const Tables *p, const Work *w, int n, const Form *form, const Integral *integral, long first,
+                               long last, double *K) {
   double A[(12 + 12 * 12) * LANES];
   for (long block = first; block < last && block * LANES < integral->cells; ++block) {
     evaluate(p, w, form, integral, block, A);
@@ -136,7 +137,8 @@ INLINED void assemble_elements(const Tables *p, const Work *w, int n, const Form
   }
 }
 
-HOT void assemble_blocks(const Tables *p, const Work *w, const Form *form, const Integral *integral, long first, long last, double *K) {
+HOT void assemble_blocks(const Tables *p, const Work *w, const Form *form, const Integral *integral, long first, long last,
+                         double *K) {
   if (p->mesh.cell_dofs == 6) assemble_elements(p, w, 6, form, integral, first, last, K); /* whose loops are unrolled */
   else assemble_elements(p, w, p->mesh.cell_dofs, form, integral, first, last, K);
 }

@@ -116,7 +116,7 @@ INLINED void solve_band_columns(const Tables *p, const Work *w, Ends ends, int c
       for (int j = 1; j <= band && j <= reach_of; ++j) {
         double below = pivot[direction * j * 2 * band];
         if (below == 0 && pivot[direction * j] == 0) continue;
-        reach(p, w, k + direction * j);
+        reach(&p->border, w, k + direction * j);
         subtract_in_block(w, columns, k + direction * j, below * pivot[0], k);
       }
     }

@@ -60,7 +60,7 @@ enum {
   AT, ALONG = AT + 2 * WINDOW_NODES, PARTS = ALONG + 2 * WINDOW_NODES, TOTAL = PARTS + WINDOW_NODES, AXIS,
   APART = AXIS + 3, TURN = APART + 2, ON_CHORD, MEAN_TURN = ON_CHORD + 2, NODE_TURN, SLIDE_NUMBERS };
 
-static Layout layout_of(const Tables *p, const Numbers *s, const Work *w, const Derivatives *a) {
+static Layout layout_of(const Tables *p, const PointForces *points, const Work *w, const Derivatives *a) {
   Layout l;
   int next = 0, n = p->dofs, joints = p->joints.count;
   int columns = p->columns + p->auxiliary.count;
@@ -82,11 +82,11 @@ static Layout layout_of(const Tables *p, const Numbers *s, const Work *w, const 
   ARRAY(closures, p->loops.closures), ARRAY(closing, p->loops.closures);
   ARRAY(pushed, p->loops.carried ? columns : 0), ARRAY(carried, p->loops.carried ? n : 0);
   ARRAY(moments, p->passes.joints), ARRAY(forces, 3 * p->passes.joints), ARRAY(axes, 2 * p->sliders.count);
-  ARRAY(followed, s->points->followed.size), ARRAY(nowhere, 4 * LANES), ARRAY(size, 0);
+  ARRAY(followed, points->followed.size), ARRAY(nowhere, 4 * LANES), ARRAY(size, 0);
 #undef ARRAY
   return l;
 }
 
 KEPT Layout fx_layout(const Problem *problem, const Derivatives *a) {
-  return layout_of(problem->tables, &problem->numbers, &problem->work, a);
+  return layout_of(problem->tables, problem->numbers.points, &problem->work, a);
 }

@@ -19,19 +19,19 @@
 #include "loops.h"
 
 /* Lists a number, if there is room, with its row and column. */
-static void list_entry(const Tables *p, const Work *w, int row, int column, double x) {
+static void list_entry(const System *system, const Work *w, int row, int column, double x) {
   BorderEntries *e = w->listed;
-  int behind = p->system.unknowns + ON_BORDER, k = e->count++;
+  int behind = system->unknowns + ON_BORDER, k = e->count++;
   if (!e->row) return;
   e->row[k] = row < 0 ? behind - row : row, e->column[k] = column < 0 ? behind - column : column, e->value[k] = x;
 }
 
 /* Adds a number among the sparse rows, or finds its place in their pattern. */
-static void add_inside(const Tables *p, const Work *w, int i, int j, double x) {
-  ChangingRows *c = w->factors.changing;
+static void add_inside(const Tables *p, const Factors *factors, int i, int j, double x) {
+  ChangingRows *c = factors->changing;
   int n = p->system.unknowns, row = i < 0 ? n + p->border.pivot[ON_BORDER - i] : i, column = j < 0 ? n + ON_BORDER - j : j;
   if (c->finds) add_pair(c, (ContactPair){.row = row, .column = column});
-  else w->factors.rows->factors[c->pair[c->next++].at] += x;
+  else factors->rows->factors[c->pair[c->next++].at] += x;
 }
 
 /* Extends the part of a row that may differ from zero, from `low` to `high`, to a position. */
@@ -46,17 +46,17 @@ static void widen(double *row, int *low, int *high, int position) {
 INLINED void add_at(const Tables *p, const Work *w, int i, int j, double x) {
   int row = w->transposed ? j : i, column = w->transposed ? i : j;
   if (row == -1 || column == -1) return;
-  if (w->listed) return list_entry(p, w, row, column, x);
-  if (!HAS(CHAIN | BAND) && p->border.inside) return add_inside(p, w, i, j, x);
+  if (w->listed) return list_entry(&p->system, w, row, column, x);
+  if (!HAS(CHAIN | BAND) && p->border.inside) return add_inside(p, &w->factors, i, j, x);
   if (x == 0) return;
   if (row >= 0) {
     int at = w->factors.order[row];
-    reach(p, w, at);
+    reach(&p->border, w, at);
     w->block[(long)at * p->border.block + ON_BORDER - column] += x;
   } else if (column >= 0) {
     int at = w->factors.order[column], *crossed = w->crossed + 2 * (ON_BORDER - row);
     double *border = w->border + (long)(ON_BORDER - row) * p->system.positions;
-    reach(p, w, at);
+    reach(&p->border, w, at);
     widen(border, crossed, crossed + 1, at);
     border[at] += x;
   } else {
@@ -65,8 +65,8 @@ INLINED void add_at(const Tables *p, const Work *w, int i, int j, double x) {
 }
 
 /* The derivatives of the forces F of sliding nodes, and their part on the diagonal of the full tangent. */
-static void turn_beams(const Tables *p, const Work *w) {
-  for (int i = 0; i < p->sliders.count; ++i) {
+static void turn_beams(const Sliders *sliders, const Work *w) {
+  for (int i = 0; i < sliders->count; ++i) {
     Slider *a = w->slider + i;
     int turns = 2 * a->width, node = a->first;
     find_second(a, &a->second_slopes);
@@ -110,8 +110,8 @@ static void bordering_slider(const Tables *p, const Work *w, Slider *a) {
 }
 
 /* A node of the beam is held in A, twice as stiff, and set free by bordering rows: otherwise A may be singular. */
-static void hold_beams(const Tables *p, const Work *w) {
-  for (const Slider *a = w->slider; a < w->slider + p->sliders.count; ++a)
+static void hold_beams(const Sliders *sliders, const Work *w) {
+  for (const Slider *a = w->slider; a < w->slider + sliders->count; ++a)
     for (int i = 0; i < a->anchors; ++i) w->tangent[a->anchor_at[i]] *= 2;
 }
 
@@ -161,11 +161,11 @@ static void change_windows(const Tables *p, const Work *w) {
   c->pairs = 0, c->finds = 1;
   add_bordering_rows(p, w);
   c->finds = 0;
-  settle_rows(w, c);
+  settle_rows(&w->factors, c);
 }
 
 /* The block of n times four columns from its right sides and sparse factors. */
-INLINED void solve_sparse_columns(const Tables *p, const Work *w, int n) {
+INLINED void solve_sparse_columns(const Border *border, const Work *w, int n) {
   const SparseRows *rows = w->factors.rows;
   const int *first = rows->first;
   const double *A = rows->factors;
@@ -176,7 +176,7 @@ INLINED void solve_sparse_columns(const Tables *p, const Work *w, int n) {
       any = w->reached[first[rows->source[s]]];
     for (int x = 0; any && x < size; ++x) {
       const double *row = A + rows->start[at + x];
-      reach(p, w, at + x);
+      reach(border, w, at + x);
       for (int s = rows->source_start[g]; s < stored_sources(rows, g); ++s)
         for (int k = first[rows->source[s]]; k < first[rows->source[s] + 1]; ++k, ++row)
           if (w->reached[k] && *row != 0) subtract_in_block(w, n, at + x, *row, k);
@@ -185,7 +185,7 @@ INLINED void solve_sparse_columns(const Tables *p, const Work *w, int n) {
       for (int k = rows->run_start[g]; rows->symmetric && k < rows->run_start[g + 1]; row += rows->run_length[k++])
         for (int j = 0; j < rows->run_length[k]; ++j) {
           if (row[j] == 0) continue;
-          reach(p, w, rows->run_column[k] + j);
+          reach(border, w, rows->run_column[k] + j);
           subtract_in_block(w, n, rows->run_column[k] + j, row[j] * A[rows->diagonal[at + x]], at + x);
         }
     }

@@ -5,9 +5,8 @@
 #include "bordering_rows.h"
 #include "point_forces.h"
 
-static void begin_points(const Tables *p, const Numbers *s, const Work *w) {
-  const PointForces *points = s->points;
-  find_slide_rates(p, s, w);
+static void begin_points(const Tables *p, const PointForces *points, const Work *w) {
+  find_slide_rates(p, points, w);
   double t = w->state.t + p->scheme.level * w->dt;
   fx_begin_points(points, w->state.q, w->state.v, w->state.slides, w->slide_rate, t, w->dt, w->state.spring_internal);
   for (int i = 0; i < p->loads.follower_forces; ++i)
@@ -15,8 +14,8 @@ static void begin_points(const Tables *p, const Numbers *s, const Work *w) {
 }
 
 /* The values of T of a joint, its arm turned and the tangent of its track, at a rotation of the carrier and a slide. */
-INLINED void set_arm(const Tables *p, const Numbers *s, int j, double *frame, double psi, double d, double *values) {
-  Track track = track_of(p->joints.track[j], s->axis + 2 * j, d, d);
+INLINED void set_arm(const Joints *joints, const Numbers *s, int j, double *frame, double psi, double d, double *values) {
+  Track track = track_of(joints->track[j], s->axis + 2 * j, d, d);
   frame[0] = cos(psi), frame[1] = sin(psi);
   Two arm = turn_by(pair(frame), pair(s->offset + 2 * j) + track.place);
   values[0] = -arm[1], values[1] = arm[0];
@@ -53,10 +52,10 @@ static int begin_couplings(const Tables *p, const Numbers *s, const Work *w) {
   w->values0[0] = w->values[0] = w->virtual_map[0] = 1;
   for (int j = 0; HAS(COUPLED) && j < p->joints.count; ++j) {
     double d = at(w->state.slides, p->joints.number[j]);
-    set_arm(p, s, j, w->frame + 4 * j, at(w->state.q, p->joints.carrier[j]), d, w->values0 + 1 + 4 * j);
+    set_arm(&p->joints, s, j, w->frame + 4 * j, at(w->state.q, p->joints.carrier[j]), d, w->values0 + 1 + 4 * j);
   }
-  for (int t = 0; HAS(LOOPS) && t < p->gears.count; ++t) w->values0[value_of_term(p, t)] = weight_of_term(s, t);
-  begin_points(p, s, w);
+  for (int t = 0; HAS(LOOPS) && t < p->gears.count; ++t) w->values0[value_of_term(&p->joints, t)] = weight_of_term(s, t);
+  begin_points(p, s->points, w);
   return begin_loops(p, s, w);
 }
 
@@ -79,7 +78,7 @@ HOT void expand_columns(const Tables *p, const Numbers *s, const Work *w) {
   for (int j = 0; j < p->joints.count; ++j) {
     double psi = at(w->state.q, p->joints.carrier[j]), Dpsi = at(D, p->joints.carrier[j]);
     double slide = at(w->z, p->joints.slide_column[j]), d0 = at(w->state.slides, p->joints.number[j]), d = d0 + slide;
-    set_arm(p, s, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->values + 1 + 4 * j);
+    set_arm(&p->joints, s, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->values + 1 + 4 * j);
     double tangent = tan(Dpsi / 2);
     w->half_turn[j] = p->scheme.rule == 0 ? tangent : 0;
     double *frame = w->frame + 4 * j, *virtual_map = w->virtual_map + 1 + 4 * j;
@@ -103,7 +102,7 @@ static void expand_trees(const Tables *p, const Numbers *s, const Work *w) {
   for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) { /* a beam may hang on a node that slides on another one */
     Slider *a = w->slider + i;
     a->s0 = w->state.slides[a->joint], a->slide = w->z[a->column], a->s1 = a->s0 + a->slide;
-    slide_on(p, w, a, w->D);
+    slide_on(&p->scheme, &w->state, a, w->D);
     for (int c = 0; c < a->components; ++c) w->z[a->carried[c]] = a->increment[c];
     if (a->carries) expand_columns(p, s, w);
   }
@@ -125,7 +124,7 @@ static int expand(const Tables *p, const Numbers *s, const Work *w) {
   if (HAS(LOOPS) && p->loops.closures) {
     for (; left && !correct_loops(p, s, w, &last); --left) expand_trees(p, s, w);
     derive_closures(p, w, w->virtual_map, w->G_virtual);
-    factorise_closures(p, w, w->G_virtual, 1);
+    factorise_closures(&p->loops, w, w->G_virtual, 1);
   }
   fx_evaluate_points(s->points, s->points->nodal, s->points->all, w->D, w->z); /* on slides */
   return left > 0;
@@ -143,48 +142,48 @@ HOT void spread_open(const Tables *p, const Work *w, double *z, double *out) {
 
 /* Small changes of all degrees of freedom for those z of the columns, with unknowns that close loops. */
 static void spread(const Tables *p, const Work *w, double *z, double *out) {
-  if (HAS(LOOPS)) complete(p, w, z);
+  if (HAS(LOOPS)) complete(&p->loops, w, z);
   spread_open(p, w, z, out);
 }
 
 /* Adds Tv^T r. */
-INLINED void add_rows(const Tables *p, const Work *w, const double *r, double *out) {
-  const int *row = p->map.row, *column = p->map.column;
+INLINED void add_rows(const Map *map, const Work *w, const double *r, double *out) {
+  const int *row = map->row, *column = map->column;
 #pragma GCC unroll 4
-  for (int k = 0; k < p->map.equal; ++k) out[column[k]] += r[HAS(COUPLED) ? row[k] : k];
-  for (int k = p->map.equal; HAS(COUPLED) && k < p->map.count; ++k)
-    out[p->map.column[k]] += p->map.sign[k] * w->virtual_map[p->map.value[k]] * r[p->map.row[k]];
+  for (int k = 0; k < map->equal; ++k) out[column[k]] += r[HAS(COUPLED) ? row[k] : k];
+  for (int k = map->equal; HAS(COUPLED) && k < map->count; ++k)
+    out[map->column[k]] += map->sign[k] * w->virtual_map[map->value[k]] * r[map->row[k]];
 }
 
 /* Adds the forces r on nodes to those on columns, also those of nodes that slide on beams. */
 INLINED void collect(const Tables *p, const Work *w, const double *r, double *out) {
   if (HAS(SLIDERS) && p->sliders.count) load_beams(p, w, r, out), r = w->loaded;
-  add_rows(p, w, r, out);
+  add_rows(&p->map, w, r, out);
   if (HAS(COUPLED) && p->auxiliary.count) collect_auxiliaries(p, w->virtual_map, out);
 }
 
-static void project(const Tables *p, const Numbers *s, const Work *w, const double *r, double *out) {
+static void project(const Tables *p, const PointForces *points, const Work *w, const double *r, double *out) {
   memset(out, 0, (p->columns + p->auxiliary.count) * sizeof *out);
-  push_columns(s, out), collect(p, w, r, out);
-  if (HAS(LOOPS) && p->loops.closures) close_residual(p, w, out);
-  if (HAS(SLIDERS) && HAS(LOOPS) && p->loops.carried) carry_in_loops(p, s, w, r);
+  push_columns(points, out), collect(p, w, r, out);
+  if (HAS(LOOPS) && p->loops.closures) close_residual(&p->loops, w, out);
+  if (HAS(SLIDERS) && HAS(LOOPS) && p->loops.carried) carry_in_loops(p, points, w, r);
 }
 
 /* Nodal forces of the last residual, with those of sliding nodes on their beams. */
-static const double *with_carried(const Tables *p, const Work *w) { return p->sliders.count ? w->loaded : w->r; }
+static const double *with_carried(const Sliders *sliders, const Work *w) { return sliders->count ? w->loaded : w->r; }
 
 /* Adds forces on nodes to those of the joints through which they pass, and to the leading nodes. */
-static void pass_forces(const Tables *p, int first, int end, double *node_forces, double *joint_sums) {
+static void pass_forces(const Passes *passes, int first, int end, double *node_forces, double *joint_sums) {
   for (int k = first; k < end; ++k) {
-    double force = node_forces[p->passes.dof[k]];
-    joint_sums[p->passes.of[k]] += p->passes.sign[k] * force;
-    if (p->passes.to[k] >= 0) node_forces[p->passes.to[k]] += force;
+    double force = node_forces[passes->dof[k]];
+    joint_sums[passes->of[k]] += passes->sign[k] * force;
+    if (passes->to[k] >= 0) node_forces[passes->to[k]] += force;
   }
 }
 
 /* Forces of the joints on b, but for their moments, after `project` of the last residual; those on nodes are in `passed`. */
 static void pass_through_joints(const Tables *p, const Work *w) {
-  double *node_forces = memcpy(w->passed, with_carried(p, w), p->dofs * sizeof(double));
+  double *node_forces = memcpy(w->passed, with_carried(&p->sliders, w), p->dofs * sizeof(double));
   memset(w->joint_forces, 0, 3 * p->passes.joints * sizeof(double));
   for (int k = 0; HAS(LOOPS) && k < p->loops.closures; ++k) {
     if (p->loops.b[k] >= 0) node_forces[p->loops.b[k]] -= w->closing[k];
@@ -192,17 +191,17 @@ static void pass_through_joints(const Tables *p, const Work *w) {
     w->joint_forces[p->loops.force[k]] += w->closing[k];
   }
   for (int t = 0; HAS(LOOPS) && t < p->gears.count; ++t) {
-    double moment = w->virtual_map[value_of_term(p, t)] * w->closing[p->gears.closure[t]];
+    double moment = w->virtual_map[value_of_term(&p->joints, t)] * w->closing[p->gears.closure[t]];
     if (p->gears.b[t] >= 0) node_forces[p->gears.b[t]] -= moment;
     if (p->gears.a[t] >= 0) node_forces[p->gears.a[t]] += moment;
   }
-  pass_forces(p, 0, p->passes.force_count, node_forces, w->joint_forces);
+  pass_forces(&p->passes, 0, p->passes.force_count, node_forces, w->joint_forces);
 }
 
 /* Completes the reduced tangent, in the storage of its factors, after `project` of the residual. */
 HOT void reduce_tangent(const Tables *p, const Numbers *s, const Work *w) {
   double *K = w->tangent, slopes[2][4], most = 0;
-  if (HAS(SLIDERS)) turn_beams(p, w);
+  if (HAS(SLIDERS)) turn_beams(&p->sliders, w);
   for (int k = 0; k < p->direct.count; ++k) K[p->direct.to[k]] += K[p->direct.from[k]];
   if (!HAS(COUPLED)) return;
   if (p->geometric.count) pass_through_joints(p, w);
@@ -217,9 +216,9 @@ HOT void reduce_tangent(const Tables *p, const Numbers *s, const Work *w) {
   }
   for (int k = 0; k < p->coupled.count; ++k) {
     if (HAS(LOOPS) && k == p->coupled.stiffened)
-      K[p->coupled.stiffness_at] = fmax(stiffness_of_closures(p, K), most * s->per_unit[0]);
+      K[p->coupled.stiffness_at] = fmax(stiffness_of_closures(&p->loops, K), most * s->per_unit[0]);
     K[p->coupled.to[k]] += K[p->coupled.from[k]] * w->virtual_map[p->coupled.virtual[k]] *
                          w->values[p->coupled.value[k]] * p->coupled.sign[k];
   }
-  if (HAS(SLIDERS) && p->border.rows) hold_beams(p, w), fill_bordering_rows(p, w);
+  if (HAS(SLIDERS) && p->border.rows) hold_beams(&p->sliders, w), fill_bordering_rows(p, w);
 }

@@ -34,10 +34,10 @@ static void find_slopes(const Tables *p, const Work *w, const Derivatives *a, co
 
 /* Adds the tangent of elements with internal variables, by their slopes. On a yield surface it has a kink: there round-off may
    choose another side of it in the tangent for steps, with which the slopes would not fit. */
-static void add_slopes(const Tables *p, const Numbers *s, const Vjp *elements, const double *slopes, double *K) {
-  int n = p->mesh.cell_dofs;
+static void add_slopes(const Mesh *mesh, const Forms *forms, const Vjp *elements, const double *slopes, double *K) {
+  int n = mesh->cell_dofs;
   double A[12 * 12 * LANES];
-  EACH_BLOCK(integral, block, &s->forms.internal_forces) {
+  EACH_BLOCK(integral, block, &forms->internal_forces) {
     const double *end_slopes = slopes + elements->piece_start[0] * LANES; /* [increment][force][lane] */
     for (int k = 0; k < n * n; ++k) memcpy(A + k * LANES, end_slopes + (k % n * n + k / n) * LANES, LANES * sizeof(double));
     add_tangents(n, integral, block, A, K);
@@ -54,25 +54,26 @@ static int has_constant_map(const Tables *p) {
 static int begin_taped(const Tables *p, const Numbers *s, Work *w, const Derivatives *a, const double *row, Linear *l) {
   double dt = row[1];
   int unread = a->unknown_slopes && has_constant_map(p); /* whether Jacobians are read, but no forces and no tangent */
-  take_from_tape(p, s, w, row), stretch_bristles(w, a, l->step);
+  take_from_tape(p, s, w, row), stretch_bristles(&w->state, a, l->step);
   w->dt = dt;
   begin_loads(p, s, w);
   if (p->natural.count) begin_natural(p, s, w);
   for (int k = s->points->external; p->scheme.at_rest && k < s->points->nodal; ++k)
     s->points->of[k].numbers[a->numbers[k] - 1] = w->state.ratio; /* the last number of a load is its factor */
   fx_set_parameters(s->points, s->parameters);
-  begin_elements(p, s, w);
+  begin_elements(&p->scheme, s, w);
   if (!begin_couplings(p, s, w) && !choose_ahead(p, s, w)) return 0;
   if (!expand(p, s, w)) return 0;
-  if (HAS(MEMBERS) && s->points->members) settle_members(p, s, w);
+  if (HAS(MEMBERS) && s->points->members) settle_members(p, s->points, w);
   for (int i = 0; i < 2; ++i) begin_form(s, w, &work_of_elements(a, i)->slopes, w->state.t + p->scheme.level * dt);
-  if (unread) work_increment(p, w), acceleration(p, s, w, dt), evaluate_nodes(s, w); else balance(p, s, w);
-  if (w->slopes_only && !a->unknown_slopes) find_slopes(p, w, a, l), add_slopes(p, s, &a->internal_forces, l->slopes[0], w->tangent);
+  if (unread) work_increment(p, w), acceleration(p, &s->frame, w, dt), evaluate_nodes(s->points, w); else balance(p, s, w);
+  if (w->slopes_only && !a->unknown_slopes)
+    find_slopes(p, w, a, l), add_slopes(&p->mesh, &s->forms, &a->internal_forces, l->slopes[0], w->tangent);
   if (p->at_points.friction_follows) set_axes(p, s, w);
   if (!l->adds) l->of[TOUCHED].count = 0;
-  if (HAS(MEMBERS) && s->points->members) put_members(l->of + TOUCHED, s, a, &l->at, l->step);
+  if (HAS(MEMBERS) && s->points->members) put_members(l->of + TOUCHED, s->points, a, &l->at, l->step);
   if (!unread) reduce_tangent(p, s, w);
-  if (HAS(LOOPS) && w->transposed) factorise_closures(p, w, w->G_virtual, 0);
+  if (HAS(LOOPS) && w->transposed) factorise_closures(&p->loops, w, w->G_virtual, 0);
   return 1;
 }
 
@@ -82,13 +83,13 @@ KEPT long fx_taped_forces(Problem *problem, const Tape *tape, const Derivatives 
   const Tables *p = problem->tables; const Numbers *s = &problem->numbers; Work *w = &problem->work;
   Linear l;
   int constrained = p->columns - p->free;
-  begin_linear(p, s, w, a, &l);
+  begin_linear(p, s->points, w, a, &l);
   long row = 0;
   for (; row < tape->rows && begin_taped(p, s, w, a, tape->row + row * tape->size, &l); ++row) {
-    project(p, s, w, w->r, w->reduced);
+    project(p, s->points, w, w->r, w->reduced);
     memcpy(forces + row * constrained, w->reduced + p->free, constrained * sizeof(double));
   }
-  return end_linear(w, &l, tape->rows - row);
+  return end_linear(&w->factors, &l, tape->rows - row);
 }
 
 static void scale_entries(Block *b, long first, double share) {
@@ -97,7 +98,8 @@ static void scale_entries(Block *b, long first, double share) {
 
 /* A sub-step of a tape with all its laws, and those of joint forces if these are wanted; returns 0 in a singular position.
    Slopes that are read more than once are stored. */
-static int begin_linearised(const Tables *p, const Numbers *s, Work *w, const Derivatives *a, Linear *l, const double *row, int forces, int first, int store) {
+static int begin_linearised(const Tables *p, const Numbers *s, Work *w, const Derivatives *a, Linear *l, const double *row,
+                            int forces, int first, int store) {
   long touched = l->adds ? l->of[TOUCHED].count : 0, forced = l->adds ? l->of[FORCED].count : 0;
   if (!begin_taped(p, s, w, a, row, l)) return 0;
   linearise(p, s, w, a, l, forces, first);
@@ -132,11 +134,11 @@ INLINED void jvp_cells(const Vjp *elements, const double *slopes, int weights, i
   }
 }
 
-HOT void jvp_elements(const Tables *p, const Derivatives *a, const Linear *l, int held, Changes *x) {
+HOT void jvp_elements(const Mesh *mesh, const Derivatives *a, const Linear *l, int held, Changes *x) {
   for (int i = 0; i < 2; ++i) {
     const Vjp *elements = work_of_elements(a, i);
-    if (p->mesh.cell_dofs == 6) jvp_cells(elements, l->slopes[i], 6, 0, held, x); /* sums stay in registers */
-    else jvp_cells(elements, l->slopes[i], p->mesh.cell_dofs, 0, held, x);
+    if (mesh->cell_dofs == 6) jvp_cells(elements, l->slopes[i], 6, 0, held, x); /* sums stay in registers */
+    else jvp_cells(elements, l->slopes[i], mesh->cell_dofs, 0, held, x);
   }
 }
 
@@ -153,7 +155,8 @@ INLINED void add_transposed(int numbers, int weights, const double *slopes, cons
 
 /* The derivatives by the numbers of elements, by their slopes if these are stored; without `last` not by those of each
    element itself. */
-INLINED void vjp_cells(const Tables *p, const Work *w, const Vjp *elements, const double *stored, int weights, int last, double *x) {
+INLINED void vjp_cells(const Tables *p, const Work *w, const Vjp *elements, const double *stored, int weights, int last,
+                       double *x) {
   const int *from = elements->from, *to = elements->to;
   Four weight[elements->weights * (LANES / 4) + 1];
   double room[elements->slope_numbers * LANES + 1];
@@ -181,15 +184,17 @@ HOT void vjp_elements(const Tables *p, const Work *w, const Derivatives *a, cons
 }
 
 /* Accelerations by places in a frame that turns. */
-static double turning_stiffness(const Tables *p, const Numbers *s, const Work *w) { return p->scheme.at_rest ? -w->state.ratio * s->frame.spin_squared : 0; }
+static double turning_stiffness(const Scheme *scheme, const Frame *frame, const State *state) {
+  return scheme->at_rest ? -state->ratio * frame->spin_squared : 0;
+}
 
 /* The derivatives of the forces of elements and of inertia, and of internal variables; with `last` also by numbers. */
 HOT void vjp_bodies(const Tables *p, const Numbers *s, const Work *w, const Derivatives *a, const Linear *l, double *x, int last) {
   const Layout *at = &l->at;
-  double per_dt = rates_per_path(p, w->dt), turning = turning_stiffness(p, s, w);
+  double per_dt = rates_per_path(&p->scheme, w->dt), turning = turning_stiffness(&p->scheme, &s->frame, &w->state);
   for (int i = 0; i < p->cells * p->internal.per_cell; ++i) x[at->internal + i] += x[at->internal1 + i];
   vjp_elements(p, w, a, l, last, x);
-  for (int i = 0; last && i < p->dofs; ++i) x[at->weight + i] -= acting(p, w) * x[at->r + i];
+  for (int i = 0; last && i < p->dofs; ++i) x[at->weight + i] -= acting(&p->scheme, &w->state) * x[at->r + i];
   if (p->scheme.at_rest && !turning) return;
   times_mass(p, s, x + at->r, w->scratch);
   for (int i = 0; i < p->dofs; ++i) {
@@ -208,7 +213,7 @@ HOT void vjp_bodies(const Tables *p, const Numbers *s, const Work *w, const Deri
 
 /* Sets the changes of the forces of inertia and weight. */
 HOT void jvp_inertia(const Tables *p, const Numbers *s, const Work *w, const Layout *at, int changes_mass, int held, Changes *x) {
-  double per_dt = rates_per_path(p, w->dt), turning = turning_stiffness(p, s, w);
+  double per_dt = rates_per_path(&p->scheme, w->dt), turning = turning_stiffness(&p->scheme, &s->frame, &w->state);
   const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v, *X = x + at->member_places;
   Changes *moving = x + at->R; /* which begins afterwards */
   if (p->scheme.at_rest) memset(x + at->r, 0, p->dofs * sizeof(Changes));
@@ -225,6 +230,6 @@ HOT void jvp_inertia(const Tables *p, const Numbers *s, const Work *w, const Lay
       for (int i = 0; i < 3; ++i) sums[i] += s->mass[3 * k + i] * moving[p->mass.dof[k] + i];
     for (int k = p->mass.start[node]; changes_mass && k < p->mass.start[node + 1]; ++k)
       for (int i = 0; i < 3; ++i) sums[i] += x[at->mass + 3 * k + i] * w->acc[p->mass.dof[k] + i];
-    for (int i = 0; i < 3; ++i) r[i] = changes_mass ? sums[i] - acting(p, w) * x[at->weight + 3 * node + i] : sums[i];
+    for (int i = 0; i < 3; ++i) r[i] = changes_mass ? sums[i] - acting(&p->scheme, &w->state) * x[at->weight + 3 * node + i] : sums[i];
   }
 }

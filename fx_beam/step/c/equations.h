@@ -16,8 +16,8 @@ OF_STEPS void fx_begin(Problem *problem, double t, double dt, double *follower_f
 OF_STEPS void fx_end_at(Problem *problem, double dt, double ratio) {
   const Tables *p = problem->tables; const Numbers *s = &problem->numbers; Work *w = &problem->work;
   w->dt = dt;
-  w->state.ratio = p->scheme.at_rest ? ratio : ratio_of_lengths(w, dt);
-  begin_elements(p, s, w);
+  w->state.ratio = p->scheme.at_rest ? ratio : ratio_of_lengths(&w->state, dt);
+  begin_elements(&p->scheme, s, w);
 }
 
 /* Forces, residual and tangent for the increments of the columns and dead forces that were set, without forces that
@@ -29,7 +29,7 @@ OF_STEPS int fx_balance(Problem *problem, double dt) {
   int closed = expand(p, s, w);
   balance(p, s, w);
   w->statics.hold = hold;
-  if (HAS(MEMBERS) && w->factors.changing) change_rows(p, s, w);
+  if (HAS(MEMBERS) && w->factors.changing) change_rows(&p->system, s->points, &w->factors);
   reduce_tangent(p, s, w);
   return closed;
 }
@@ -38,5 +38,6 @@ OF_STEPS int fx_balance(Problem *problem, double dt) {
 OF_STEPS void fx_change(const Problem *problem, const double *x, int sizes, double *out) {
   const Tables *p = problem->tables; const Numbers *s = &problem->numbers;
   const double *member_product = times_members(s->points->members, x);
-  for (int i = 0; i < p->dofs; ++i) out[i] = row_times(p, problem->work.tangent, i, sizes, x) + (member_product ? member_product[i] : 0);
+  for (int i = 0; i < p->dofs; ++i)
+    out[i] = row_times(&p->tangent, problem->work.tangent, i, sizes, x) + (member_product ? member_product[i] : 0);
 }

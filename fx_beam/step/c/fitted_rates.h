@@ -26,7 +26,7 @@ static void begin_fits(const Tables *p, const Numbers *s, Work *w, const Derivat
   Linear *l = &f->of, *shape = &f->shape;
   Block *fit = l->of, *shapes = shape->of;
   int equal = p->map.equal, left = p->map.count - equal;
-  begin_linear(p, s, w, a, l);
+  begin_linear(p, s->points, w, a, l);
   fit[SPREAD_BY_MAP] = (Block){0, left, 0, p->map.value + equal, p->map.row + equal, p->map.column + equal,
                               p->map.sign + equal, w->z, l->at.map, l->at.q1};
   *shape = *l, memset(shapes, 0, sizeof shape->of);
@@ -64,7 +64,7 @@ static void find_impulses(const Tables *p, const Numbers *s, const Work *w, cons
   times_mass(p, s, w->acc, w->r);
   for (int i = 0; i < p->dofs; ++i) w->r[i] += s->viscous_weight[i] * w->acc[i];
   memset(w->columns, 0, (p->columns + p->auxiliary.count) * sizeof(double));
-  add_closing(p, w, w->columns), collect(p, w, w->r, w->columns);
+  add_closing(&p->loops, w, w->columns), collect(p, w, w->r, w->columns);
 }
 
 /* The equations at a configuration; returns whether they are those of the row before, as no arm has turned. */
@@ -89,14 +89,15 @@ static int begin_fit(const Tables *p, const Numbers *s, Work *w, const Fits *fit
   for (int i = 0; i < p->dofs; ++i)
     if (s->viscous_weight[i] > 0) K[w->statics.diagonal_at[i]] += s->viscous_weight[i];
   reduce_tangent(p, s, w);
-  double stiff = stiffness_of_closures(p, K);
+  double stiff = stiffness_of_closures(&p->loops, K);
   w->statics.yielding = stiff > 0 ? YIELDING / stiff : 0;
   return 0;
 }
 
 /* Rates w of the columns, and u of the nodes, with their impulses, and factors if these are `needed` later; returns 0 if the
    equations are singular. With the `same` ones the factors serve again. */
-static int find_fit(const Tables *p, const Numbers *s, Work *w, const Linear *l, int solutions, int needed, int same, const double *v, const double *driven, double *u) {
+static int find_fit(const Tables *p, const Numbers *s, Work *w, const Linear *l, int solutions, int needed, int same,
+                    const double *v, const double *driven, double *u) {
   const int *closing_order = w->factors.order + p->system.unknowns - p->loops.closures;
   double *z = w->z, *right = (double *)l->block, rest[2];
   memcpy(z + p->free, driven, p->driven * sizeof(double));
@@ -104,9 +105,9 @@ static int find_fit(const Tables *p, const Numbers *s, Work *w, const Linear *l,
   if (once) {
     find_impulses(p, s, w, v, u);
     memcpy(w->reduced, w->columns, p->free * sizeof(double));
-    if (!(same ? solve_bordered(p, s, w, FULL, w->reduced, w->step) : solve_reduced(p, s, w, 0, rest))) return 0;
+    if (!(same ? solve_bordered(p, s->points, w, FULL, w->reduced, w->step) : solve_reduced(p, s, w, 0, rest))) return 0;
     add_times(p->free, -1, w->step, z);
-  } else if (!factorise_for_directions(p, s, w)) return 0;
+  } else if (!factorise_for_directions(p, s->points, w)) return 0;
   for (int k = 0; !once && k < solutions; ++k) {
     find_impulses(p, s, w, v, u);
     memset(right, 0, p->system.positions * sizeof(Changes));
@@ -115,12 +116,12 @@ static int find_fit(const Tables *p, const Numbers *s, Work *w, const Linear *l,
       for (int e = p->loops.entry_start[i]; e < p->loops.entry_start[i + 1]; ++e)
         right[GROUP_SIZE * closing_order[i]] += p->loops.entry_sign[e] * w->values[p->loops.entry_value[e]]
             * z[p->loops.entry_column[e]];
-    solve_right_sides(p, s, w, l);
+    solve_right_sides(p, s->points, w, l);
     for (int i = 0; i < p->free; ++i) z[i] -= right[GROUP_SIZE * w->factors.order[i]];
   }
   for (int i = 0; i < p->loops.closures; ++i) w->closing[i] = right[GROUP_SIZE * closing_order[i]];
   find_impulses(p, s, w, v, u);
-  if (p->passes.joints) find_joint_forces(p, s, w);
+  if (p->passes.joints) find_joint_forces(p, s->points, w);
   return 1;
 }
 
@@ -158,8 +159,8 @@ static void put_moved(const Tables *p, const Work *w, Fit *f, const double *u) {
   }
   for (int t = 0; t < p->gears.count; ++t) {
     int j = p->gears.joint[t];
-    double rate = term_motion(p, t, u, j < 0 ? 0 : at(w->z, p->joints.slide_column[j]));
-    put(to, l->at.map + value_of_term(p, t), l->at.closures + p->gears.closure[t], rate);
+    double rate = term_motion(&p->gears, t, u, j < 0 ? 0 : at(w->z, p->joints.slide_column[j]));
+    put(to, l->at.map + value_of_term(&p->joints, t), l->at.closures + p->gears.closure[t], rate);
   }
   for (int i = 0; i < p->sliders.count; ++i) {
     const Slider *a = w->slider + i;
@@ -181,14 +182,14 @@ static void jvp_fit(const Tables *p, const Fit *f, Changes *x) {
 }
 
 /* The changes of rates and impulses in the directions of a group. */
-static void fit_group(const Tables *p, const Numbers *s, const Work *w, const Fit *f, Changes *x) {
+static void fit_group(const Tables *p, const PointForces *points, const Work *w, const Fit *f, Changes *x) {
   const Linear *l = &f->of;
   const Layout *at = &l->at;
   memset(x + at->Y1, 0, p->free * sizeof(Changes));
   for (int k = 0; k < f->solutions; ++k) {
     jvp_fit(p, f, x);
-    set_right_sides(p, w, at, x, l->block);
-    solve_right_sides(p, s, w, l);
+    set_right_sides(p, &w->factors, at, x, l->block);
+    solve_right_sides(p, points, w, l);
     for (int i = 0; i < p->free; ++i) x[at->Y1 + i] -= l->block[w->factors.order[i]];
   }
   jvp_fit(p, f, x);
@@ -204,7 +205,7 @@ static void vjp_fit(const Fit *f, double *x) {
 }
 
 /* The derivatives by a configuration, from those by its rates and impulses; `trial` is room. */
-static void vjp_group(const Tables *p, const Numbers *s, const Work *w, const Fit *f, double *trial, double *x) {
+static void vjp_group(const Tables *p, const PointForces *points, const Work *w, const Fit *f, double *trial, double *x) {
   const Linear *l = &f->of;
   const Layout *at = &l->at;
   const int *closing_order = w->factors.order + p->system.unknowns - p->loops.closures;
@@ -215,7 +216,7 @@ static void vjp_group(const Tables *p, const Numbers *s, const Work *w, const Fi
     memset(l->block, 0, p->system.positions * sizeof(Changes));
     for (int i = 0; i < p->free; ++i) l->block[w->factors.order[i]][0] = trial[at->Y1 + i];
     for (int i = 0; i < p->loops.closures; ++i) l->block[closing_order[i]][0] = -trial[at->closing + i];
-    solve_right_sides(p, s, w, l);
+    solve_right_sides(p, points, w, l);
     for (int i = 0; i < p->free; ++i) x[at->R + i] -= l->block[w->factors.order[i]][0];
     for (int i = 0; i < p->loops.closures; ++i) x[at->closures + i] -= l->block[closing_order[i]][0];
   }
@@ -251,17 +252,17 @@ KEPT int fx_fit(Problem *problem, const Fits *fits, const Derivatives *a, int wa
       int count = a->directions - first < GROUP_SIZE ? a->directions - first : GROUP_SIZE;
       memcpy(x, (Changes *)a->x + i * at->size, at->size * sizeof(Changes));
       load_row(a, &a->states, row, first, count, x);
-      fit_group(p, s, w, &f, x);
+      fit_group(p, s->points, w, &f, x);
       add_changes(a, &a->forces, row, 1, x, first, count);
     }
     if (way == FORWARDS) continue;
     memset(slopes + at->Y, 0, (f.size - at->Y) * sizeof(double));
     add_given(&a->forces, row, 1, slopes);
-    vjp_group(p, s, w, &f, slopes + f.size, slopes);
+    vjp_group(p, s->points, w, &f, slopes + f.size, slopes);
     for (int i = 0; i < a->states.size; ++i) a->states.rows[row * a->states.size + i] = slopes[a->states.place[i]];
   }
   if (x && slopes && way == BACKWARDS) memcpy(a->x, slopes, at->Y * sizeof(double));
-  int lacks = !x || !slopes || end_linear(w, &f.shape, 0) | end_linear(w, &f.of, 0);
+  int lacks = !x || !slopes || end_linear(&w->factors, &f.shape, 0) | end_linear(&w->factors, &f.of, 0);
   free(x), free(slopes);
   return !lacks;
 }

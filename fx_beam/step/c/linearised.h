@@ -35,11 +35,11 @@ typedef struct {
 
 static const Vjp *work_of_elements(const Derivatives *a, int i) { return i ? &a->drag : &a->internal_forces; }
 
-static long lay_out_linear(const Tables *p, const Numbers *s, Work *w, const Derivatives *a, Linear *l, double *at) {
+static long lay_out_linear(const Tables *p, const PointForces *points, Work *w, const Derivatives *a, Linear *l, double *at) {
   double *begin = at;
-  long followed = (long)GROUP_SIZE * s->points->followed.size;
+  long followed = (long)GROUP_SIZE * points->followed.size;
   w->loads = allocate(&at, 2 * p->loads.count), w->follower_force = allocate(&at, 2 * p->loads.follower_forces);
-  w->naturals = allocate(&at, p->natural.count), l->trial = allocate(&at, layout_of(p, s, w, a).size);
+  w->naturals = allocate(&at, p->natural.count), l->trial = allocate(&at, layout_of(p, points, w, a).size);
   l->bordering_solutions = (Changes *)allocate(&at, (long)p->border.rows * GROUP_SIZE);
   l->block = (Changes *)allocate(&at, (long)p->system.positions * GROUP_SIZE);
   l->followed = allocate(&at, followed), l->next = allocate(&at, followed);
@@ -54,17 +54,17 @@ static long lay_out_linear(const Tables *p, const Numbers *s, Work *w, const Der
 KEPT long fx_linear_scratch(const Problem *problem, const Derivatives *a) {
   Work work = problem->work;
   Linear l;
-  return lay_out_linear(problem->tables, &problem->numbers, &work, a, &l, 0);
+  return lay_out_linear(problem->tables, problem->numbers.points, &work, a, &l, 0);
 }
 
 /* Begins to follow a tape. */
-static void begin_linear(const Tables *p, const Numbers *s, Work *w, const Derivatives *a, Linear *l) {
+static void begin_linear(const Tables *p, const PointForces *points, Work *w, const Derivatives *a, Linear *l) {
   int equal = p->map.equal, left = p->map.count - equal;
   const int *row = p->map.row, *column = p->map.column, *value = p->map.value + equal;
   const double *sign = p->map.sign + equal;
-  lay_out_linear(p, s, w, a, l, a->scratch);
+  lay_out_linear(p, points, w, a, l, a->scratch);
   l->share = 0, l->adds = 0, l->step = -1;
-  Layout at = l->at = layout_of(p, s, w, a);
+  Layout at = l->at = layout_of(p, points, w, a);
   memset(l->of, 0, sizeof l->of);
   l->of[EQUAL] = (Block){0, equal, 0, column, row, 0, 0, 0, at.Y1, at.q1};
   l->of[COLLECTED] = (Block){0, equal, 0, row, column, 0, 0, 0, at.r, at.R};
@@ -75,8 +75,8 @@ static void begin_linear(const Tables *p, const Numbers *s, Work *w, const Deriv
 }
 
 /* Ends it, and forgets its factors; returns the number of sub-steps that are left, or -1 if there was no memory. */
-static long end_linear(Work *w, Linear *l, long left) {
-  w->factors.reused.present = 0;
+static long end_linear(Factors *factors, Linear *l, long left) {
+  factors->reused.present = 0;
   for (int i = 0; i < BLOCKS; ++i) {
     if (l->of[i].lacks_memory) left = -1;
     free(l->of[i].entry);
@@ -85,7 +85,7 @@ static long end_linear(Work *w, Linear *l, long left) {
 }
 
 /* Rates at the end for an increment of the path; none in statics. */
-static double rates_per_path(const Tables *p, double dt) { return p->scheme.at_rest ? 0 : 2 / dt; }
+static double rates_per_path(const Scheme *scheme, double dt) { return scheme->at_rest ? 0 : 2 / dt; }
 
 /* Adds a share of the given derivatives by a state or by forces themselves. */
 static void add_given(const RowsOfRun *run, long k, double share, double *x) {
@@ -98,10 +98,10 @@ static void add_given(const RowsOfRun *run, long k, double share, double *x) {
 static double share_of(const Derivatives *a, long k) { return a->unknown_slopes ? a->share[k] : 1; }
 
 /* Natural strains at the end. */
-static void put_strains(const Tables *p, const Numbers *s, const Work *w, Linear *l) {
-  for (int k = 0; k < p->natural.count; ++k)
-    for (int i = p->natural.start[k]; i < p->natural.start[k + 1]; ++i) {
-      int to = l->at.natural1 + p->natural.at[i];
+static void put_strains(const Natural *natural, const Numbers *s, const Work *w, Linear *l) {
+  for (int k = 0; k < natural->count; ++k)
+    for (int i = natural->start[k]; i < natural->start[k + 1]; ++i) {
+      int to = l->at.natural1 + natural->at[i];
       put(l->of + STRAINED, l->at.natural_columns + i, to, w->naturals[k]);
       put(l->of + STRAINED, l->at.naturals + k, to, s->natural[i]);
     }
@@ -143,7 +143,7 @@ static void put_joint(const Tables *p, const Numbers *s, const Work *w, const De
 /* Values of Tv of gears, by all that they depend on. */
 static void put_gears(const Tables *p, const Work *w, Linear *l) {
   for (int t = 0; t < p->gears.count; ++t) {
-    int value = value_of_term(p, t), weight = l->at.gears + t / 2 * 3 + t % 2;
+    int value = value_of_term(&p->joints, t), weight = l->at.gears + t / 2 * 3 + t % 2;
     put(l->of + LEVERS, weight, l->at.map + value, w->virtual_map[value] / w->values[value]);
     for (int is_a = 0; is_a < 2; ++is_a) {
       int turn = is_a ? p->gears.a[t] : p->gears.b[t];
@@ -208,14 +208,13 @@ static const double *put_point(const Linear *l, const PointForce *e, int numbers
   return parameter_slopes + e->parameters;
 }
 
-static void put_points(const Tables *p, const Numbers *s, const Derivatives *a, Linear *l) {
-  const PointForces *points = s->points;
+static void put_points(const Loads *loads, const PointForces *points, const Derivatives *a, Linear *l) {
   int first = l->at.points, follower_force = l->at.follower_force;
   Block *to = l->of + FORCED;
   for (int k = 0; k < points->all; first += a->numbers[k++]) {
     const PointForce *e = points->of + k;
     int n = e->size, all = n + e->internal, numbers = a->numbers[k];
-    int pushed = k >= points->external && k < points->external + p->loads.follower_forces ? follower_force : -1;
+    int pushed = k >= points->external && k < points->external + loads->follower_forces ? follower_force : -1;
     const double *slopes = a->point_slopes;
     int wide = 2 * n + e->internal + numbers + e->parameters;
     const Reversal *reversal = e->internal ? reversal_at(a, l->step, e->first_internal) : 0;
@@ -241,7 +240,7 @@ static void put_carry(Block *to, const Work *w, const Slider *a, const int *held
 
 /* Tv^T r, from the forces r and the values of Tv, with those of nodes that slide and of loops. */
 static void put_rows(const Tables *p, const Work *w, Linear *l) {
-  const double *r = with_carried(p, w);
+  const double *r = with_carried(&p->sliders, w);
   int R = l->at.R, map = l->at.map;
   Block *to = l->of + CARRIED;
   for (int i = 0; i < p->loops.closures; ++i)
@@ -265,7 +264,7 @@ static void put_forces_on_auxiliaries(const Tables *p, const Work *w, Linear *l)
   double *auxiliary_forces = w->columns;
   if (!p->auxiliary.count) return;
   memset(auxiliary_forces, 0, (p->columns + p->auxiliary.count) * sizeof(double));
-  add_rows(p, w, with_carried(p, w), auxiliary_forces), add_closing(p, w, auxiliary_forces);
+  add_rows(&p->map, w, with_carried(&p->sliders, w), auxiliary_forces), add_closing(&p->loops, w, auxiliary_forces);
   collect_auxiliaries(p, w->virtual_map, auxiliary_forces);
   for (int k = p->auxiliary.entries - 1; k >= 0; --k) {
     int auxiliary = p->columns + p->auxiliary.of[k], value = p->auxiliary.value[k], to = l->at.R + p->auxiliary.column[k];
@@ -292,8 +291,8 @@ static void put_closures(const Tables *p, const Numbers *s, const Work *w, const
     put(to, in(q, p->gears.b[t]), closure, weight), put(to, in(q, p->gears.a[t]), closure, -weight);
     if (j >= 0) put(to, in(Y, p->joints.slide_column[j]), closure, weight);
     if (!numbers) continue;
-    double motion = term_motion(p, t, w->state.q, j < 0 ? 0 : w->state.slides[p->joints.number[j]]);
-    if (end) motion += term_motion(p, t, w->D, j < 0 ? 0 : at(w->z, p->joints.slide_column[j]));
+    double motion = term_motion(&p->gears, t, w->state.q, j < 0 ? 0 : w->state.slides[p->joints.number[j]]);
+    if (end) motion += term_motion(&p->gears, t, w->D, j < 0 ? 0 : at(w->z, p->joints.slide_column[j]));
     put(to, gear + t % 2, closure, motion), put(to, gear + 2, closure, t % 2 - 1);
   }
 }
@@ -310,7 +309,7 @@ static void put_closing(const Tables *p, const Work *w, Linear *l) {
       put(to, closing, l->at.pushed + p->loops.entry_column[k], -p->loops.entry_sign[k] * w->virtual_map[p->loops.entry_value[k]]);
   }
   for (int t = 0; t < p->gears.count; ++t) {
-    int value = value_of_term(p, t), i = p->gears.closure[t];
+    int value = value_of_term(&p->joints, t), i = p->gears.closure[t];
     for (int is_a = 0; is_a < 2; ++is_a) {
       int moment = in(l->at.r, is_a ? p->gears.a[t] : p->gears.b[t]), sign = is_a ? 1 : -1;
       put(to, l->at.closing + i, moment, sign * w->virtual_map[value]), put(to, l->at.map + value, moment, sign * w->closing[i]);
@@ -324,10 +323,10 @@ static void put_closing(const Tables *p, const Work *w, Linear *l) {
   for (int i = 0; p->loops.carried && i < p->dofs; ++i) put(to, l->at.carried + i, l->at.r + i, 1);
 }
 
-static void put_passes(const Tables *p, Linear *l, int first, int end) {
+static void put_passes(const Passes *passes, Linear *l, int first, int end) {
   for (int k = first; k < end; ++k) {
-    put(l->of + JOINED, l->at.r + p->passes.dof[k], l->at.forces + p->passes.of[k], p->passes.sign[k]);
-    put(l->of + JOINED, l->at.r + p->passes.dof[k], in(l->at.r, p->passes.to[k]), 1);
+    put(l->of + JOINED, l->at.r + passes->dof[k], l->at.forces + passes->of[k], passes->sign[k]);
+    put(l->of + JOINED, l->at.r + passes->dof[k], in(l->at.r, passes->to[k]), 1);
   }
 }
 
@@ -335,7 +334,7 @@ static void put_passes(const Tables *p, Linear *l, int first, int end) {
 static void put_joint_forces(const Tables *p, const Numbers *s, const Work *w, Linear *l) {
   Block *to = l->of + JOINED;
   int forces = l->at.forces, followed = l->at.followed;
-  put_passes(p, l, 0, p->passes.force_count);
+  put_passes(&p->passes, l, 0, p->passes.force_count);
   for (int k = 0; k < p->loops.closures; ++k) put(to, l->at.closing + k, forces + p->loops.force[k], 1);
   for (int j = 0; j < p->joints.count; ++j)
     for (int i = 0; i < 2; ++i) {
@@ -343,7 +342,7 @@ static void put_joint_forces(const Tables *p, const Numbers *s, const Work *w, L
       put(to, forces + force, turn, w->virtual_map[lever]), put(to, l->at.map + lever, turn, w->joint_forces[force]);
     }
   for (int i = 0; i < p->passes.joints; ++i) put(to, l->at.moments + i, forces + 3 * i + 2, -1);
-  put_passes(p, l, p->passes.force_count, p->passes.count);
+  put_passes(&p->passes, l, p->passes.force_count, p->passes.count);
   for (const PointForce *e = s->points->of; e < s->points->of + s->points->all; ++e) {
     double slope[5];
     if (e->load < 0) continue;
@@ -377,7 +376,7 @@ static void linearise(const Tables *p, const Numbers *s, const Work *w, const De
   for (int i = 0; i < BLOCKS; ++i)
     if (i != TOUCHED && !(i == FORCED && l->adds) && !l->of[i].from) l->of[i].count = 0;
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
-  put_strains(p, s, w, l);
+  put_strains(&p->natural, s, w, l);
   for (int j = 0; j < p->joints.count; ++j) put_joint(p, s, w, a, l, first, j);
   put_gears(p, w, l);
   for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) {
@@ -386,7 +385,7 @@ static void linearise(const Tables *p, const Numbers *s, const Work *w, const De
     put_slide(l->of + SLID, w->slider, &l->at, i);
   }
   put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, w, l, w->values, 1, l->of + PLACED);
-  put_loads(p, s, w, l), put_points(p, s, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l);
+  put_loads(p, s, w, l), put_points(&p->loads, s->points, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l);
   put_closures(p, s, w, l, 1, 1, l->of + MAPPED);
   if (first) {
     put_auxiliaries(p, l, w->values0, l->at.Y, l->of + BEGUN), put_places(p, w, l, w->values0, 0, l->of + BEGUN);
@@ -394,31 +393,31 @@ static void linearise(const Tables *p, const Numbers *s, const Work *w, const De
   }
   forces |= p->at_points.friction_follows;
   if (forces || a->unknown_slopes) put_closing(p, w, l);
-  if (forces && p->passes.joints) find_joint_forces(p, s, w), put_joint_forces(p, s, w, l);
+  if (forces && p->passes.joints) find_joint_forces(p, s->points, w), put_joint_forces(p, s, w, l);
 }
 
 /* Factors for right sides in several directions; returns 0 if the tangent is singular. */
-static int factorise_for_directions(const Tables *p, const Numbers *s, Work *w) {
+static int factorise_for_directions(const Tables *p, const PointForces *points, Work *w) {
   memset(w->y, 0, p->system.positions * sizeof(double));
-  for (int i = 0; i < p->system.positions; ++i) reach(p, w, i);
-  w->newton.raised = !factorise_tangent(p, s, w, 1);
-  return !w->newton.raised || solve_raised(p, s, w, 0, 0);
+  for (int i = 0; i < p->system.positions; ++i) reach(&p->border, w, i);
+  w->newton.raised = !factorise_tangent(p, points, w, 1);
+  return !w->newton.raised || solve_raised(p, points, w, 0, 0);
 }
 
 /* Solves for the right sides of the block, by the tangent's factors. */
-static void solve_right_sides(const Tables *p, const Numbers *s, const Work *w, const Linear *l) {
+static void solve_right_sides(const Tables *p, const PointForces *points, const Work *w, const Linear *l) {
   Work block_work = *w;
   double *x = block_work.block = (double *)l->block, *g = (double *)l->bordering_solutions;
   int inside = HAS(SLIDERS) && p->border.inside;
-  if (inside) pass_on(p, w, GROUP_SIZE, 0, x, g);
-  if (w->newton.raised) solve_raised(p, s, w, GROUP_SIZE, x); else solve_columns(p, &block_work, 1);
+  if (inside) pass_on(p, &w->factors, GROUP_SIZE, 0, x, g);
+  if (w->newton.raised) solve_raised(p, points, w, GROUP_SIZE, x); else solve_columns(p, &block_work, 1);
   if (!HAS(SLIDERS) || !p->border.rows) return;
   if (!inside) {
     memset(g, 0, p->border.rows * sizeof(Changes));
-    pass_on(p, w, GROUP_SIZE, 0, x, g);
+    pass_on(p, &w->factors, GROUP_SIZE, 0, x, g);
     solve_bordering_rows(p, w, GROUP_SIZE, g, x);
   }
-  pass_on(p, w, GROUP_SIZE, 1, x, g);
+  pass_on(p, &w->factors, GROUP_SIZE, 1, x, g);
 }
 
 /* Adds a share of the changes of a state or of forces, of `count` directions from the `first` on, to a row. */
@@ -430,8 +429,8 @@ static void add_changes(const Derivatives *a, const RowsOfRun *run, long k, doub
 }
 
 /* The right sides of the block, from rows, or from forces where nothing is COUPLED. */
-static void set_right_sides(const Tables *p, const Work *w, const Layout *at, const Changes *x, Changes *block) {
-  const int *order = w->factors.order, *column = p->map.column;
+static void set_right_sides(const Tables *p, const Factors *factors, const Layout *at, const Changes *x, Changes *block) {
+  const int *order = factors->order, *column = p->map.column;
   memset(block, 0, p->system.positions * sizeof(Changes));
   for (int i = 0; HAS(COUPLED) && i < p->free; ++i) block[order[i]] = x[at->R + i];
   for (int i = 0; !HAS(COUPLED) && i < p->dofs; ++i)

@@ -7,14 +7,14 @@
 
 /* Force in the middle of a step, from those at the scheme's level in it and in the one before. An equilibrium before the
    first step has no forces of inertia. */
-static double mid(const Tables *p, const Work *w, double force, double previous) {
-  int has_previous = p->scheme.at_rest ? w->state.steps_done > 0 : w->state.length > 0;
-  if (p->scheme.level == 0.5 || !has_previous) return force;
-  return force + (0.5 - p->scheme.level) * (force - previous);
+static double mid(const Scheme *scheme, const State *state, double force, double previous) {
+  int has_previous = scheme->at_rest ? state->steps_done > 0 : state->length > 0;
+  if (scheme->level == 0.5 || !has_previous) return force;
+  return force + (0.5 - scheme->level) * (force - previous);
 }
 
 /* Part of the weight that acts. */
-static double acting(const Tables *p, const Work *w) { return p->scheme.at_rest ? w->state.ratio : 1; }
+static double acting(const Scheme *scheme, const State *state) { return scheme->at_rest ? state->ratio : 1; }
 
 /* Dead forces with weight at the scheme's level; their mean over the step, which does the work. Python sets those of load
    steps. */
@@ -22,7 +22,7 @@ static void begin_loads(const Tables *p, const Numbers *s, const Work *w) {
   const double *start = w->loads, *end = start + p->loads.count;
   memset(w->dead, 0, p->dofs * sizeof(double));
   memset(w->force, 0, p->dofs * sizeof(double));
-  for (int i = 0; s->weight && i < p->dofs; ++i) w->force[i] = acting(p, w) * s->weight[i];
+  for (int i = 0; s->weight && i < p->dofs; ++i) w->force[i] = acting(&p->scheme, &w->state) * s->weight[i];
   for (int k = 0; k < p->loads.count; ++k) {
     double level_load = (1 - p->scheme.level) * start[k] + p->scheme.level * end[k];
     for (int i = p->loads.start[k]; i < p->loads.start[k + 1]; ++i) {
@@ -42,13 +42,13 @@ static void begin_natural(const Tables *p, const Numbers *s, const Work *w) {
 
 /* Bound of the strain energy at the end of a step without a row: the energy of the last row, or of where several steps began,
    and what came since, of which nothing is kinetic. Only of forces in mid-step all work and losses are known. */
-static double most_strain_energy(const Tables *p, const Numbers *s, const Work *w) {
-  const double *then = w->state.energies; /* see `find_energies` */
+static double most_strain_energy(const Tables *p, const Numbers *s, const State *state) {
+  const double *then = state->energies; /* see `find_energies` */
   if (p->scheme.rule || p->scheme.rules || p->scheme.level != 0.5 || p->scheme.at_rest || s->forms.held_by_scheme.integrals)
     return HUGE_VAL;
-  double came = w->state.work - then[3] - (w->state.dissipated - then[5]);
-  double potential = s->weight ? then[2] + dot(p->dofs, s->weight, w->state.q) : 0;
-  double others = fx_stored_at_points(s->points, w->state.q, w->state.slides, w->state.spring_internal);
+  double came = state->work - then[3] - (state->dissipated - then[5]);
+  double potential = s->weight ? then[2] + dot(p->dofs, s->weight, state->q) : 0;
+  double others = fx_stored_at_points(s->points, state->q, state->slides, state->spring_internal);
   return then[0] + then[1] + came + potential + then[4] - others;
 }
 
@@ -98,10 +98,10 @@ static void audit(const Tables *p, const Numbers *s, Work *w, const double *chan
   if (p->parameters.energies_vary && s->forms.held_before.integrals)
     w->state.work += sum_over_elements(p, s, w, &s->forms.held_before) - w->state.algorithmic;
   w->state.algorithmic = sum_over_elements(p, s, w, &s->forms.held_by_scheme);
-  project(p, s, w, w->r, w->reduced);
+  project(p, s->points, w, w->r, w->reduced);
   for (int i = 0; i < p->driven; ++i) {
     double along = p->motors.slides[i] ? change[i] : at(w->path, p->motors.b[i]) - at(w->path, p->motors.a[i]);
-    w->state.work += mid(p, w, w->reduced[p->free + i], w->state.constraint_forces[i]) * along;
+    w->state.work += mid(&p->scheme, &w->state, w->reduced[p->free + i], w->state.constraint_forces[i]) * along;
   }
   scale(constrained, w->state.earlier, w->state.constraint_forces);
   add_times(constrained, w->state.share, w->reduced + p->free, w->state.constraint_forces);
@@ -110,7 +110,7 @@ static void audit(const Tables *p, const Numbers *s, Work *w, const double *chan
     assemble_forces(p, w, &s->forms.added, 0);
     fx_evaluate_points(s->points, s->points->external, s->points->nodal, w->D, w->z);
     fx_add_points(s->points, s->points->external, s->points->nodal, -1, w->f);
-    for (int i = 0; i < n; ++i) w->state.work += mid(p, w, w->f[i], w->state.added_forces[i]) * w->path[i];
+    for (int i = 0; i < n; ++i) w->state.work += mid(&p->scheme, &w->state, w->f[i], w->state.added_forces[i]) * w->path[i];
     memcpy(w->state.added_forces, w->f, n * sizeof(double));
   }
 }
@@ -127,8 +127,8 @@ static int follow_joints(const Tables *p, const Numbers *s, Work *w, const doubl
   /* In free fall forces of joints are what round-off leaves of the loads. */
   begin_fixed_point(&s->points->followed, fmax(largest_force(p, s, w->force), largest_force(p, s, w->f)));
   for (int k = 0, still = 0; k < MOST_TRIALS; ++k) {
-    evaluate_nodes(s, w);
-    find_joint_forces(p, s, w);
+    evaluate_nodes(s->points, w);
+    find_joint_forces(p, s->points, w);
     set_axes(p, s, w);
     if (!follow_forces(s->points, w->joint_forces, w->state.q, w->D, p->scheme.level, still, w->state.spring_internal))
       return OK;
@@ -158,12 +158,13 @@ static int take_increment(const Tables *p, const Numbers *s, Work *w, const doub
   if (!(begin_couplings(p, s, w) || (HAS(LOOPS) && choose_ahead(p, s, w))) || !expand(p, s, w)) return SINGULAR;
   if (!forces) return OK;
   memcpy(w->r, forces + w->run.sub_step * p->dofs, p->dofs * sizeof(double));
-  evaluate_nodes(s, w);
+  evaluate_nodes(s->points, w);
   return OK;
 }
 
 /* Takes a sub-step with the inputs number `k`; returns 0 if it fails. The increment of its columns may be known. */
-static int take_step(const Tables *p, const Numbers *s, Work *w, double dt, int sub_step, const Inputs *inputs, long k, const double *known) {
+static int take_step(const Tables *p, const Numbers *s, Work *w, double dt, int sub_step, const Inputs *inputs, long k,
+                     const double *known) {
   w->run.sub_step = sub_step;
   const double *target = inputs->driven + k * p->driven;
   double *change = w->start;
@@ -175,10 +176,10 @@ static int take_step(const Tables *p, const Numbers *s, Work *w, double dt, int 
   if (inputs->natural && (k == 0 || inputs->natural_stride)) begin_natural(p, s, w);
   for (int i = 0; i < p->driven; ++i)
     change[i] = target[i] - (i < p->motors.prescribed ? w->state.q[p->motors.b[i]] : w->state.driven_now[i]);
-  w->state.ratio = p->scheme.at_rest ? inputs->ratio : ratio_of_lengths(w, dt);
+  w->state.ratio = p->scheme.at_rest ? inputs->ratio : ratio_of_lengths(&w->state, dt);
   const double *parameters = inputs->parameters + k * 2 * p->parameters.count;
   if (p->parameters.vary) use_parameters(p, s, parameters);
-  begin_elements(p, s, w);
+  begin_elements(&p->scheme, s, w);
   int *order = w->predictor.orders + sub_step;
   w->run.failure = known ? take_increment(p, s, w, known, inputs->known_forces) : find_increment(p, s, w, change, *order);
   if (w->run.failure) return 0;
@@ -225,14 +226,14 @@ static void summarise(const Tables *p, Work *w, double dt, int before, int parts
     if (means) w->state.a[i] = ((w->state.v[i] - v[i]) / dt + before * a[i]) / (before + 1);
     w->scratch[i] = w->state.q[i] - q[i];
   }
-  w->counts.too_large += parts > 1 && widest_turn(p, w->scratch) * parts > p->newton.large_turn;
+  w->counts.too_large += parts > 1 && widest_turn(&p->mesh, w->scratch) * parts > p->newton.large_turn;
 }
 
 /* Shares of a sub-step and of the parts before in the means over the step so far. */
-static void set_shares(const Tables *p, Work *w, int sub_step, int before) {
-  int means = p->scheme.level == 0.5;
-  w->state.share = means ? p->scheme.fractions[sub_step] / (before + 1) : 1;
-  w->state.earlier = means ? sub_step > 0 ? 1 : before / (before + 1.0) : 0;
+static void set_shares(const Scheme *scheme, State *state, int sub_step, int before) {
+  int means = scheme->level == 0.5;
+  state->share = means ? scheme->fractions[sub_step] / (before + 1) : 1;
+  state->earlier = means ? sub_step > 0 ? 1 : before / (before + 1.0) : 0;
 }
 
 /* Energy that losses may give in a step, relative to the energy at its end. */
@@ -257,10 +258,10 @@ static void undo(Work *w, Work before) {
 }
 
 /* Whether a value changed its sign since the sub-step before; those now are in the second half. */
-static int switched(const Numbers *s, const Work *w) {
+static int switched(const PointForces *points, const Work *w) {
   double *before = w->control.sides, *now = before + w->control.switches;
   int any = 0;
-  fx_find_switches(s->points, w->state.q, w->state.slides, now);
+  fx_find_switches(points, w->state.q, w->state.slides, now);
   for (int i = 0; i < w->control.switches; ++i) any |= (before[i] < 0) != (now[i] < 0), before[i] = now[i];
   return any;
 }
@@ -288,9 +289,9 @@ OF_STEPS int fx_run(Problem *problem, int steps, double t, double dt, const Inpu
     }
     for (int i = 0; i < p->scheme.sub_steps && !w->run.failure; ++i) {
       long number = (long)k * p->scheme.sub_steps + i;
-      set_shares(p, w, i, part);
+      set_shares(&p->scheme, &w->state, i, part);
       if (p->scheme.level != 0.5) to->starts = to->complete;
-      if (is_row && to->stores_starts) record_start(p, w, dt * p->scheme.fractions[i], i, to);
+      if (is_row && to->stores_starts) record_start(&p->scheme, &w->state, dt * p->scheme.fractions[i], i, to);
       const double *taped = w->run.repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
       const double *known = inputs->known ? inputs->known + i * p->columns : taped;
       if (!take_step(p, s, w, dt * p->scheme.fractions[i], i, inputs, number, known)) break;
@@ -301,13 +302,13 @@ OF_STEPS int fx_run(Problem *problem, int steps, double t, double dt, const Inpu
       int found = forces || w->run.keeps_joint_forces, again = w->run.repeats;
       int contacts = (again ? forces : found) && s->points->recorded, lines = p->at_points.lines && !again && found;
       w->state.forces_found = found;
-      if (joints || contacts) evaluate_nodes(s, w);
-      if (joints) add_joint_forces(p, s, w);
-      if (contacts) add_contact_forces(s, w);
-      if (lines) add_line_forces(p, s, w);
+      if (joints || contacts) evaluate_nodes(s->points, w);
+      if (joints) add_joint_forces(p, s->points, w);
+      if (contacts) add_contact_forces(s->points, &w->state);
+      if (lines) add_line_forces(p, s->points, w);
       if (to->tape) put_on_tape(p, s, w, to->tape);
       advance(p, s, w, inputs, number);
-      if (w->control.limits.watches && switched(s, w)) w->run.failure = SWITCHED;
+      if (w->control.limits.watches && switched(s->points, w)) w->run.failure = SWITCHED;
     }
     if (!w->run.failure && amplifies(p, s, w, lost)) w->run.failure = AMPLIFIED, ++w->counts.amplified;
     if (w->control.limits.controlled && !w->run.failure) {
@@ -326,7 +327,7 @@ OF_STEPS int fx_run(Problem *problem, int steps, double t, double dt, const Inpu
     if (p->scheme.sub_steps > 1 || to->parts > 1) summarise(p, w, dt, part, to->parts);
     if (wanted) record(p, s, w, to);
     w->counts.taken += !w->run.repeats;
-    double most = wanted ? w->state.energies[1] : steps > 1 ? most_strain_energy(p, s, w) : HUGE_VAL;
+    double most = wanted ? w->state.energies[1] : steps > 1 ? most_strain_energy(p, s, &w->state) : HUGE_VAL;
     if (most >= w->inverted.least_energy) count_inverted(p, s, w);
   }
   return steps;

@@ -7,29 +7,29 @@
 #include "reused_factors.h"
 #include "rates.h"
 
-static void evaluate_nodes(const Numbers *s, const Work *w) {
-  fx_evaluate_points(s->points, 0, s->points->nodal, w->D, w->z);
-  if (HAS(MEMBERS) && s->points->members) fx_evaluate_members(s->points->members, w->D);
+static void evaluate_nodes(const PointForces *points, const Work *w) {
+  fx_evaluate_points(points, 0, points->nodal, w->D, w->z);
+  if (HAS(MEMBERS) && points->members) fx_evaluate_members(points->members, w->D);
 }
 
 /* Adds the internal forces to f, and their tangent to K. */
 static void assemble(const Tables *p, const Numbers *s, const Work *w, double *K) {
   assemble_forces(p, w, &s->forms.internal_forces, w->slopes_only ? 0 : K);
   if (s->forms.drag.integrals) assemble_forces(p, w, &s->forms.drag, K);
-  evaluate_nodes(s, w);
+  evaluate_nodes(s->points, w);
   fx_add_points(s->points, 0, s->points->nodal, 1, w->f);
   fx_add_point_tangents(s->points, p->at_points.stored_at, K);
   if (HAS(MEMBERS) && s->points->members) fx_add_members(s->points->members, w->f);
 }
 
 /* The forces r less their change with the last correction, in `scratch`: of some rows, or of all; zero elsewhere. */
-static void corrected_forces(const Tables *p, const Numbers *s, const Work *w, int rows, const int *some) {
-  const double *member_product = times_members(s->points->members, w->correction);
+static void corrected_forces(const Tables *p, const PointForces *points, const Work *w, int rows, const int *some) {
+  const double *member_product = times_members(points->members, w->correction);
   double *out = w->scratch;
   memset(out, 0, p->dofs * sizeof(double));
   for (int k = 0; k < rows; ++k) {
     int i = some ? some[k] : k;
-    out[i] = w->r[i] - row_times(p, w->tangent, i, 0, w->correction);
+    out[i] = w->r[i] - row_times(&p->tangent, w->tangent, i, 0, w->correction);
     if (member_product) out[i] -= member_product[i];
   }
 }
@@ -80,9 +80,9 @@ HOT int update_predictor(const Tables *p, const Numbers *s, Work *w) {
   return order;
 }
 
-static double widest_turn(const Tables *p, const double *D) {
+static double widest_turn(const Mesh *mesh, const double *D) {
   double widest = 0;
-  for (int i = 0; i < p->mesh.nodes; ++i) widest = larger(fabs(D[3 * i + 2]), widest);
+  for (int i = 0; i < mesh->nodes; ++i) widest = larger(fabs(D[3 * i + 2]), widest);
   return widest;
 }
 
@@ -94,8 +94,8 @@ static double next_after(Sequence *s, double value) {
 }
 
 /* The residual of the columns from forces on nodes, less what holds the unknowns besides the forces of the model. */
-static void reduce_residual(const Tables *p, const Numbers *s, const Work *w, const double *r) {
-  project(p, s, w, r, w->reduced);
+static void reduce_residual(const Tables *p, const PointForces *points, const Work *w, const double *r) {
+  project(p, points, w, r, w->reduced);
   for (int i = 0; w->statics.hold && i < p->free; ++i) w->reduced[i] -= w->statics.hold[i];
 }
 
@@ -111,7 +111,7 @@ static void resist(const Tables *p, const Numbers *s, const Work *w) {
 static void balance(const Tables *p, const Numbers *s, const Work *w) {
   double *K = w->tangent;
   work_increment(p, w);
-  acceleration(p, s, w, w->dt);
+  acceleration(p, &s->frame, w, w->dt);
   memset(w->f, 0, p->dofs * sizeof(double));
   memset(K, 0, p->tangent.stored * sizeof(double));
   for (int k = 0; k < p->system.paddings; ++k) K[p->system.padding[k]] = 1;
@@ -119,7 +119,7 @@ static void balance(const Tables *p, const Numbers *s, const Work *w) {
   assemble(p, s, w, K);
   add_difference(p->dofs, w->f, w->force, w->r);
   if (w->statics.viscosity > 0) resist(p, s, w);
-  reduce_residual(p, s, w, w->r);
+  reduce_residual(p, s->points, w, w->r);
 }
 
 static double along_step(const Tables *p, const Work *w) {
@@ -172,27 +172,27 @@ enum { GOES_ON, CONVERGED, AT_ROUND_OFF };
 
 /* Whether the last correction does at most this share of the energy of the step as work on each part, after `kinetic`; or of
    the kinetic energy of each part that moves. */
-HOT int within_parts(const Tables *p, const Work *w, double share, int moving_only) {
-  double *work = w->part_energy, *energy = work + p->parts.count;
-  if (p->parts.count < 2) return 1;
-  memset(work, 0, 2 * p->parts.count * sizeof(double));
-  for (int k = 0; k < p->parts.column_runs; ++k) {
+HOT int within_parts(const Parts *parts, const Work *w, double share, int moving_only) {
+  double *work = w->part_energy, *energy = work + parts->count;
+  if (parts->count < 2) return 1;
+  memset(work, 0, 2 * parts->count * sizeof(double));
+  for (int k = 0; k < parts->column_runs; ++k) {
     double sum = 0;
-    for (int i = p->parts.column_run_start[k]; i < p->parts.column_run_start[k + 1]; ++i)
+    for (int i = parts->column_run_start[k]; i < parts->column_run_start[k + 1]; ++i)
       sum += fabs(w->reduced[i] * w->step[i]);
-    work[p->parts.column_run_part[k]] += sum;
+    work[parts->column_run_part[k]] += sum;
   }
-  for (int k = 0; k < p->parts.dof_runs; ++k) {
+  for (int k = 0; k < parts->dof_runs; ++k) {
     double moving = 0, pushed = 0;
-    for (int i = p->parts.dof_run_start[k]; i < p->parts.dof_run_start[k + 1]; ++i) {
+    for (int i = parts->dof_run_start[k]; i < parts->dof_run_start[k + 1]; ++i) {
       moving += fabs(w->state.v[i] * w->scratch[i]);
       pushed += (fabs(w->f[i]) + fabs(w->force[i])) * fabs(w->D[i]);
     }
-    energy[p->parts.dof_run_part[k]] += moving_only && moving > 0 ? moving : moving + pushed;
+    energy[parts->dof_run_part[k]] += moving_only && moving > 0 ? moving : moving + pushed;
   }
-  for (int k = 0; k < p->parts.count; ++k) {
+  for (int k = 0; k < parts->count; ++k) {
     double all = 0;
-    for (int i = p->parts.inside_start[k]; i < p->parts.inside_start[k + 1]; ++i) all += energy[p->parts.inside[i]];
+    for (int i = parts->inside_start[k]; i < parts->inside_start[k + 1]; ++i) all += energy[parts->inside[i]];
     if (work[k] > share * all) return 0;
   }
   return 1;
@@ -202,7 +202,8 @@ static const Convergence NOTHING_KNOWN = {{HUGE_VAL, 0}, {HUGE_VAL, 0}, 0, 0};
 
 /* Judges a correction by its size, its work, and its errors `rest` (reused_factors.h). One that was shortened is far from the
    solution, whatever its work. */
-static int judge(const Tables *p, const Numbers *s, const Work *w, Convergence *c, int iteration, double size, int shortened, double work, const double *rest) {
+static int judge(const Tables *p, const Numbers *s, const Work *w, Convergence *c, int iteration, double size, int shortened,
+                 double work, const double *rest) {
   int small = size <= p->newton.tolerance, stalled = size > 0.5 * c->sizes.last && !shortened;
   double error = sqrt(fabs(work));
   double next_size = larger(next_after(&c->sizes, size), rest[0] * size);
@@ -213,11 +214,11 @@ static int judge(const Tables *p, const Numbers *s, const Work *w, Convergence *
   double moving = kinetic(p, s, w), energy = energy_of_step(p, w, moving);
   final = final && next_error <= p->newton.negligible * sqrt(energy);
   /* In very stiff scenes the forces before the correction make the energy far too large. */
-  if (final && fabs(work) <= p->newton.tolerance * moving && within_parts(p, w, p->newton.tolerance, 1)) return CONVERGED;
+  if (final && fabs(work) <= p->newton.tolerance * moving && within_parts(&p->parts, w, p->newton.tolerance, 1)) return CONVERGED;
   if (!small && stalled && fabs(work) <= p->newton.energy_floor * energy)
-    return ++c->stalled > (within_parts(p, w, p->newton.energy_floor, 0) ? STALLS : MOST_STALLS) ? AT_ROUND_OFF : GOES_ON;
+    return ++c->stalled > (within_parts(&p->parts, w, p->newton.energy_floor, 0) ? STALLS : MOST_STALLS) ? AT_ROUND_OFF : GOES_ON;
   double most = ENERGY_SHARE * p->newton.tolerance;
-  small = small && (++c->small >= SMALL || (fabs(work) <= most * energy && within_parts(p, w, most, 0)));
+  small = small && (++c->small >= SMALL || (fabs(work) <= most * energy && within_parts(&p->parts, w, most, 0)));
   return small ? CONVERGED : GOES_ON;
 }
 
@@ -264,12 +265,12 @@ static int predict(const Tables *p, const Numbers *s, Work *w, const double *dri
 }
 
 /* The residual that driven columns leave to the unknowns, which were not predicted. */
-static void drive(const Tables *p, const Numbers *s, const Work *w, const double *driven) {
+static void drive(const Tables *p, const PointForces *points, const Work *w, const double *driven) {
   memset(w->step, 0, p->free * sizeof(double));
   set_driven(p, driven, -1, w->step);
   spread(p, w, w->step, w->correction);
-  corrected_forces(p, s, w, p->dofs, 0);
-  reduce_residual(p, s, w, w->scratch);
+  corrected_forces(p, points, w, p->dofs, 0);
+  reduce_residual(p, points, w, w->scratch);
 }
 
 static int iterations_of(const Tables *p, const Numbers *s, Work *w, const double *driven, int order) {
@@ -283,17 +284,17 @@ static int iterations_of(const Tables *p, const Numbers *s, Work *w, const doubl
     balance(p, s, w);
     if (iteration > 1 && p->newton.may_overshoot) line_search(p, s, w, work);
     if (p->newton.may_overshoot) note_tangents(s->points);
-    if (HAS(MEMBERS) && w->factors.changing) change_rows(p, s, w);
+    if (HAS(MEMBERS) && w->factors.changing) change_rows(&p->system, s->points, &w->factors);
     for (int i = free; i < p->columns; ++i) w->step[i] = 0;
     reduce_tangent(p, s, w);
-    if (iteration == 1 && !order && largest(p->driven, driven, 0) > 0) drive(p, s, w, driven);
+    if (iteration == 1 && !order && largest(p->driven, driven, 0) > 0) drive(p, s->points, w, driven);
     if (!solve_reduced(p, s, w, &convergence, rest)) return SINGULAR;
     spread(p, w, w->step, w->correction);
     for (int i = 0; iteration == 1 && w->newton.predicted && i < n; ++i) w->newton.predicted[i] = -w->correction[i];
     double size = largest(n, w->correction, s->per_unit);
     if (!isfinite(size)) return SINGULAR;
     w->newton.corrections[w->newton.tried++ % CORRECTIONS] = size;
-    double widest = size > p->newton.longest_turn ? widest_turn(p, w->correction) : 0;
+    double widest = size > p->newton.longest_turn ? widest_turn(&p->mesh, w->correction) : 0;
     int shortened = widest > p->newton.longest_turn;
     if (shortened) scale(free, p->newton.longest_turn / widest, w->step);
     add_times(free, -1, w->step, w->z);
@@ -301,13 +302,13 @@ static int iterations_of(const Tables *p, const Numbers *s, Work *w, const doubl
     work = along_step(p, w);
     int end = judge(p, s, w, &convergence, iteration, size, shortened, work, rest);
     if (end) { /* forces of supports and joints, to first order */
-      corrected_forces(p, s, w, p->tangent.reacting, p->tangent.reacts);
+      corrected_forces(p, s->points, w, p->tangent.reacting, p->tangent.reacts);
       memcpy(w->r, w->scratch, n * sizeof(double));
     }
     if (!expand(p, s, w)) return OPEN_LOOP;
-    if (widest_turn(p, w->D) > p->newton.max_turn) return TURNED_TOO_FAR;
+    if (widest_turn(&p->mesh, w->D) > p->newton.max_turn) return TURNED_TOO_FAR;
     if (end) {
-      if (leaves_beam(p, w)) return SLID_TOO_FAR;
+      if (leaves_beam(&p->sliders, w)) return SLID_TOO_FAR;
       w->counts.iterations += iteration;
       if (end == AT_ROUND_OFF) note_rounding(p, s, w, size);
       w->factors.reused.slowest_size = convergence.sizes.slowest, w->factors.reused.slowest_error = convergence.errors.slowest;
@@ -336,10 +337,10 @@ static int find_elsewhere(const Tables *p, const Numbers *s, Work *w, const doub
   set_driven(p, driven, 1, w->z), w->newton.tried = 0;
   if ((failure = w->newton.find(w->dt, &iterations))) return failure;
   if (!expand(p, s, w)) return OPEN_LOOP;
-  if (leaves_beam(p, w)) return SLID_TOO_FAR;
+  if (leaves_beam(&p->sliders, w)) return SLID_TOO_FAR;
   w->counts.iterations += iterations;
-  evaluate_nodes(s, w);
-  reduce_residual(p, s, w, w->r);
+  evaluate_nodes(s->points, w);
+  reduce_residual(p, s->points, w, w->r);
   return OK;
 }
 

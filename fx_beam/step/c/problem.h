@@ -85,8 +85,9 @@ typedef struct { int count, entries, arms; int *of, *column, *value, *arm_of, *a
 typedef struct { int count, path_numbers; } Sliders;
 
 /* The reduced tangent, in an order with little fill-in: as a chain, as a band, or in sparse rows. Unknowns, with two of each
-   auxiliary one, itself and its force, and forces that close loops; half bandwidth, 0 for sparse rows; groups of three unknowns in a row (chain.h), 0 if they are more entangled; positions, more than unknowns where
-   groups of a chain have fewer than three; entries that are 1: diagonals of these and of auxiliary unknowns, and another one. */
+   auxiliary one, itself and its force, and forces that close loops; half bandwidth, 0 for sparse rows; groups of three unknowns in
+   a row (chain.h), 0 if they are more entangled; positions, more than unknowns where groups of a chain have fewer than three;
+   entries that are 1: diagonals of these and of auxiliary unknowns, and another one. */
 typedef struct {
   int unknowns, band, chain, positions, paddings, *padding;
   /* The tangent beside sparse rows of factors, in compressed rows of the unknowns. */
@@ -331,8 +332,8 @@ typedef struct { double *q, least_energy; } Inverted;
 /* Entries of bordering rows and columns: these are behind the unknowns. */
 typedef struct { int count, *row, *column; double *value; } BorderEntries;
 
-/* A narrow copy of sparse factors (narrow_factors.h). Columns of each group before it, and behind it from the last group on, each of as many numbers as the group has rows; where
-   those of a group begin; the factors of each group itself [group][3][3]. */
+/* A narrow copy of sparse factors (narrow_factors.h). Columns of each group before it, and behind it from the last group on, each
+   of as many numbers as the group has rows; where those of a group begin; the factors of each group itself [group][3][3]. */
 typedef struct { float *lower, *upper; int *lower_at, *upper_at; double *own; } Narrow;
 
 /* Work of a run. Arrays in the same memory (work.h): of degrees of freedom and of nodes; of columns; of joints, at both

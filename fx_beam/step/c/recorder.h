@@ -6,7 +6,7 @@
 #include "couplings.h"
 
 /* The joint forces of a sub-step; forces at nodes are evaluated. */
-static void find_joint_forces(const Tables *p, const Numbers *s, const Work *w) {
+static void find_joint_forces(const Tables *p, const PointForces *points, const Work *w) {
   double *node_forces = w->passed, *joint_sums = w->joint_forces;
   pass_through_joints(p, w);
   /* Joints with an offset or a slide exert a moment on their guiding node, which is no moment of another
@@ -15,37 +15,37 @@ static void find_joint_forces(const Tables *p, const Numbers *s, const Work *w) 
     const double *lever = w->virtual_map + 1 + 4 * j, *F = joint_sums + 3 * p->joints.number[j];
     if (p->joints.carrier[j] >= 0) node_forces[p->joints.carrier[j]] += lever[0] * F[0] + lever[1] * F[1];
   }
-  for (const PointForce *e = s->points->of; e < s->points->of + s->points->nodal; ++e)
+  for (const PointForce *e = points->of; e < points->of + points->nodal; ++e)
     if (e->joint >= 0) joint_sums[3 * e->joint + 2] -= e->results[1];
-  pass_forces(p, p->passes.force_count, p->passes.count, node_forces, joint_sums);
+  pass_forces(&p->passes, p->passes.force_count, p->passes.count, node_forces, joint_sums);
 }
 
 /* Adds them to their mean over the step. */
-static void add_joint_forces(const Tables *p, const Numbers *s, const Work *w) {
+static void add_joint_forces(const Tables *p, const PointForces *points, const Work *w) {
   long n = 3 * p->passes.joints;
-  find_joint_forces(p, s, w);
+  find_joint_forces(p, points, w);
   scale(n, w->state.earlier, w->state.joint_forces);
   add_times(n, w->state.share, w->joint_forces, w->state.joint_forces);
 }
 
 /* Adds the forces of contact of a sub-step to their mean over the step. */
-static void add_contact_forces(const Numbers *s, const Work *w) {
-  double *out = w->state.contact_forces;
-  scale(2 * s->points->recorded, w->state.earlier, out);
-  if (HAS(MEMBERS) && s->points->members)
-    record_members(s->points->members, w->state.share, out + 2 * s->points->contacts);
-  for (const PointForce *e = s->points->of; e < s->points->of + s->points->contacts; ++e, out += 2)
-    for (int i = 0; i < 2 * e->nodes; ++i) out[i % 2] -= w->state.share * e->results[i];
+static void add_contact_forces(const PointForces *points, const State *state) {
+  double *out = state->contact_forces;
+  scale(2 * points->recorded, state->earlier, out);
+  if (HAS(MEMBERS) && points->members)
+    record_members(points->members, state->share, out + 2 * points->contacts);
+  for (const PointForce *e = points->of; e < points->of + points->contacts; ++e, out += 2)
+    for (int i = 0; i < 2 * e->nodes; ++i) out[i % 2] -= state->share * e->results[i];
 }
 
 /* Adds the pulls along lines between points of a sub-step to their means over the step. */
-static void add_line_forces(const Tables *p, const Numbers *s, const Work *w) {
+static void add_line_forces(const Tables *p, const PointForces *points, const Work *w) {
   scale(p->at_points.lines, w->state.earlier, w->state.line_forces);
-  for (const PointForce *e = s->points->of; e < s->points->of + s->points->nodal; ++e) {
+  for (const PointForce *e = points->of; e < points->of + points->nodal; ++e) {
     if (!e->pull) continue;
     coordinates(e, w->D, w->z, e->column, e->given + e->size);
-    call_value(e, e->pull, s->points->probe, 1);
-    w->state.line_forces[e->line] += w->state.share * *s->points->probe;
+    call_value(e, e->pull, points->probe, 1);
+    w->state.line_forces[e->line] += w->state.share * *points->probe;
   }
 }
 
@@ -55,10 +55,10 @@ static void add_row(const Rows *rows, int count, long k) {
 }
 
 /* Start of a sub-step of length dt, for which forces of elements are evaluated. */
-static void record_start(const Tables *p, const Work *w, double dt, int sub_step, Record *to) {
+static void record_start(const Scheme *scheme, const State *state, double dt, int sub_step, Record *to) {
   long k = to->starts++;
-  to->share[k] = p->scheme.fractions[sub_step] / to->parts;
-  if (to->memory) to->memory[k] = ratio_of_lengths(w, dt);
+  to->share[k] = scheme->fractions[sub_step] / to->parts;
+  if (to->memory) to->memory[k] = ratio_of_lengths(state, dt);
   add_row(to->start, to->stored, k);
 }
 

@@ -35,7 +35,7 @@ static double size_of(const Tables *p, const Numbers *s, const Work *w, const do
 /* Subtracts from r the product of the tangent and the correction x that the factors propose for r, after `size_of`, which
    leaves the motion of nodes in `scratch`. With bordering rows, whose columns are not there any more, that is r, and the
    product with what A has changed by since its factorisation. */
-static void subtract_product(const Tables *p, const Numbers *s, const Work *w, const double *x, double *r) {
+static void subtract_product(const Tables *p, const PointForces *points, const Work *w, const double *x, double *r) {
   for (int i = 0; i < p->free; ++i) {
     double rest = p->border.rows ? 0 : r[i];
     for (int k = p->system.tangent_start[i]; k < p->system.tangent_start[i + 1]; ++k)
@@ -44,17 +44,17 @@ static void subtract_product(const Tables *p, const Numbers *s, const Work *w, c
   }
   if (!HAS(MEMBERS) || !w->factors.changing) return;
   memset(w->columns, 0, p->columns * sizeof(double));
-  add_rows(p, w, times_members(s->points->members, w->scratch), w->columns);
+  add_rows(&p->map, w, times_members(points->members, w->scratch), w->columns);
   add_times(p->free, -1, w->columns, r);
 }
 
 /* Right sides of bordering rows from the other equations, which have what slides and forces of carriers as they are; or, to
    these, solutions. */
-INLINED void pass_on(const Tables *p, const Work *w, int sides, int solutions, double *x, double *g) {
+INLINED void pass_on(const Tables *p, const Factors *factors, int sides, int solutions, double *x, double *g) {
   for (int i = 0; i < p->border.bordered; ++i) {
     int row = p->border.bordered_row[i];
-    double *unknown = x + w->factors.order[p->border.bordered_unknown[i]] * sides;
-    double *bordering = p->border.inside ? x + w->factors.order[p->system.unknowns + row] * sides : g + row * sides;
+    double *unknown = x + factors->order[p->border.bordered_unknown[i]] * sides;
+    double *bordering = p->border.inside ? x + factors->order[p->system.unknowns + row] * sides : g + row * sides;
     memcpy(solutions ? unknown : bordering, solutions ? bordering : unknown, sides * sizeof(double));
   }
 }
@@ -75,7 +75,7 @@ static Ends ends_of_elimination(const Tables *p, const Work *w) {
 /* The block of n times four columns from its right sides and factors. */
 INLINED void solve_columns(const Tables *p, const Work *w, int n) {
   if (HAS(CHAIN)) solve_chain_columns(p, w, middle_of_elimination(p, w) / 3, n);
-  else if (HAS(BAND)) solve_band_columns(p, w, ends_of_elimination(p, w), n); else solve_sparse_columns(p, w, n);
+  else if (HAS(BAND)) solve_band_columns(p, w, ends_of_elimination(p, w), n); else solve_sparse_columns(&p->border, w, n);
 }
 
 /* The block by the factors, which may be those of an earlier A, and the factors of the corner with it. */
@@ -85,10 +85,10 @@ static void eliminate_bordering_rows(const Tables *p, const Work *w) {
 }
 
 /* Adds the tangents of all contact points to the factors, or to the bordering rows and columns: those of nodes that slide. */
-HOT void add_contact_points(const Tables *p, const Numbers *s, const Work *w, int bordering) {
+HOT void add_contact_points(const Tables *p, const PointForces *points, const Work *w, int bordering) {
   const ChangingRows *c = w->factors.changing;
   for (const ContactPair *e = c->pair; e < c->pair + c->pairs; ++e) {
-    const ContactPoint *t = s->points->members->contact_point + e->contact_point;
+    const ContactPoint *t = points->members->contact_point + e->contact_point;
     if (!t->closed || bordering != (e->at < 0)) continue;
     double value = e->sign * w->virtual_map[e->virtual_value] * w->values[e->value] * t->tangent[e->entry];
     if (bordering) add_at(p, w, e->row, e->column, value); else w->factors.rows->factors[e->at] += value;
@@ -96,45 +96,45 @@ HOT void add_contact_points(const Tables *p, const Numbers *s, const Work *w, in
 }
 
 /* The tangent, or its transpose, with that of the contact points in the place of its factors. */
-HOT void fill_factors(const Tables *p, const Numbers *s, const Work *w) {
+HOT void fill_factors(const Tables *p, const PointForces *points, const Work *w) {
   double *restrict A = w->factors.rows->factors;
   const double *restrict K = w->tangent;
   int changing = HAS(MEMBERS | SLIDERS) && w->factors.changing, entries = p->system.tangent_start[p->system.unknowns];
-  if (changing && w->factors.changing->placed != w->transposed) place_entries(p, w, w->factors.changing, w->transposed);
+  if (changing && w->factors.changing->placed != w->transposed) place_entries(&p->system, &w->factors, w->factors.changing, w->transposed);
   memset(A, 0, w->factors.rows->start[w->factors.rows->unknowns] * sizeof(double));
   for (int k = 0; k < entries; ++k) A[w->factors.at[k]] = K[k];
-  if (HAS(MEMBERS) && changing && !p->border.inside) add_contact_points(p, s, w, 0);
+  if (HAS(MEMBERS) && changing && !p->border.inside) add_contact_points(p, points, w, 0);
   if (HAS(SLIDERS) && p->border.inside) w->factors.changing->next = 0, add_bordering_rows(p, w);
   for (int i = 0, first = p->system.unknowns - p->loops.closures; w->statics.yielding > 0 && i < p->loops.closures; ++i)
     A[w->factors.rows->diagonal[w->factors.order[first + i]]] -= w->statics.yielding / (p->loops.length[i] * p->loops.length[i]);
 }
 
-static int factorise(const Tables *p, const Numbers *s, Work *w) {
+static int factorise(const Tables *p, const PointForces *points, Work *w) {
   w->factors.reused.steps = w->factors.reused.all = w->factors.reused.now = 0, ++w->factors.reused.made;
   if (HAS(SLIDERS) && p->border.inside) change_windows(p, w);
-  fill_factors(p, s, w);
+  fill_factors(p, points, w);
   if (w->factors.reused.worth && p->border.rows)
     memcpy(w->factorised, w->tangent, p->system.tangent_start[p->free] * sizeof(double));
   w->factors.reused.present = factorise_sparse(w->factors.rows, w->row);
-  w->factors.reused.narrow = w->factors.reused.present && has_narrow(p, w);
+  w->factors.reused.narrow = w->factors.reused.present && has_narrow(&p->border, &w->factors);
   if (w->factors.reused.narrow) narrow_factors(w->factors.rows, &w->narrow);
   return w->factors.reused.present;
 }
 
 /* Factors of the tangent with its bordering rows; returns 0 if it is singular. With `keep` for further right sides. */
-INLINED int factorise_tangent(const Tables *p, const Numbers *s, Work *w, int keep) {
-  int regular = HAS(CHAIN)  ? eliminate_chain(p, w, middle_of_elimination(p, w) / 3, keep)
+INLINED int factorise_tangent(const Tables *p, const PointForces *points, Work *w, int keep) {
+  int regular = HAS(CHAIN)  ? eliminate_chain(&p->system, w, middle_of_elimination(p, w) / 3, keep)
                 : HAS(BAND) ? eliminate_tangent(p, w, p->system.unknowns, ends_of_elimination(p, w))
-                            : factorise(p, s, w);
+                            : factorise(p, points, w);
   if (!regular || !HAS(SLIDERS) || !p->border.rows || p->border.inside) return regular;
-  if (HAS(MEMBERS) && w->factors.changing) add_contact_points(p, s, w, 1);
+  if (HAS(MEMBERS) && w->factors.changing) add_contact_points(p, points, w, 1);
   eliminate_bordering_rows(p, w);
   return 1;
 }
 
 /* The solution in place of y from what elimination made of it: only of positions that are `reached` or not, if it is given. */
 INLINED void substitute_back(const Tables *p, const Work *w, const int *reached, int now) {
-  if (HAS(CHAIN)) substitute_chain(p, w, middle_of_elimination(p, w) / 3, reached, now);
+  if (HAS(CHAIN)) substitute_chain(&p->system, w, middle_of_elimination(p, w) / 3, reached, now);
   else if (HAS(BAND)) substitute_tangent(p, w, p->system.unknowns, ends_of_elimination(p, w), reached, now);
   else substitute_backward(w->factors.rows, w->y, reached, now);
 }
@@ -150,7 +150,7 @@ static const double NO_PIVOT = 1e-14;
 
    gives the solution from those for r and all e_i. In place of right sides x, [position][side]; returns 0 if the matrix is
    singular. */
-static int solve_raised(const Tables *p, const Numbers *s, const Work *w, int sides, double *x) {
+static int solve_raised(const Tables *p, const PointForces *points, const Work *w, int sides, double *x) {
   int unknowns = p->system.unknowns, n, at[MOST_RAISED], exchanged[MOST_RAISED], many = 0, regular = 0;
   double most = 0, least = HUGE_VAL, S[MOST_RAISED * MOST_RAISED], raised[MOST_RAISED], raised_unknowns[MOST_RAISED];
   const SparseRows *rows = w->factors.rows;
@@ -158,7 +158,7 @@ static int solve_raised(const Tables *p, const Numbers *s, const Work *w, int si
   double b = largest(p->system.tangent_start[unknowns], w->tangent, 0);
   n = rows->unknowns;
   while (b > 0) {
-    fill_factors(p, s, w);
+    fill_factors(p, points, w);
     for (int i = 0; i < many; ++i) rows->factors[rows->diagonal[at[i]]] += raised[i];
     if ((regular = factorise_sparse(rows, w->row)) || many == MOST_RAISED) break;
     at[many] = w->row[0], raised[many] = b;
@@ -193,7 +193,7 @@ enum { FULL, NARROW, RAISED };
 
 /* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
    are made here; returns 0 if it is singular. Or by the narrow copy of sparse factors, or those with raised pivots. */
-HOT int solve_bordered(const Tables *p, const Numbers *s, Work *w, int factors, const double *b, double *x) {
+HOT int solve_bordered(const Tables *p, const PointForces *points, Work *w, int factors, const double *b, double *x) {
   int inside = HAS(SLIDERS) && p->border.inside, bordered = HAS(SLIDERS) && p->border.rows && !inside;
   const int *reached = bordered ? w->reached : 0;
   memset(w->y, 0, p->system.positions * sizeof(double)); /* also between groups of unknowns: an earlier one may not be finite */
@@ -205,17 +205,17 @@ HOT int solve_bordered(const Tables *p, const Numbers *s, Work *w, int factors, 
     return 1;
   }
   if (bordered) memset(w->bordering_right, 0, p->border.rows * sizeof(double));
-  if (bordered || inside) pass_on(p, w, 1, 0, w->y, w->bordering_right);
+  if (bordered || inside) pass_on(p, &w->factors, 1, 0, w->y, w->bordering_right);
   if (factors == RAISED) {
-    if (!solve_raised(p, s, w, 1, w->y)) return 0;
+    if (!solve_raised(p, points, w, 1, w->y)) return 0;
   } else {
     if (!HAS(CHAIN | BAND)) substitute_forward(w->factors.rows, w->y);
-    else if (!factorise_tangent(p, s, w, bordered)) return 0;
+    else if (!factorise_tangent(p, points, w, bordered)) return 0;
     if (bordered) substitute_back(p, w, reached, 1);
     if (bordered) solve_bordering_rows(p, w, 1, w->bordering_right, w->y);
     substitute_back(p, w, reached, 0);
   }
-  if (bordered || inside) pass_on(p, w, 1, 1, w->y, w->bordering_right);
+  if (bordered || inside) pass_on(p, &w->factors, 1, 1, w->y, w->bordering_right);
   gather(p->free, w->y, w->factors.order, x);
   return 1;
 }
@@ -236,7 +236,7 @@ static int refine(const Tables *p, const Numbers *s, Work *w, const Convergence 
   memset(x, 0, n * sizeof(double));
   memcpy(r, w->reduced, n * sizeof(double));
   for (int k = 0; k <= w->factors.reused.worth; ++k) {
-    solve_bordered(p, s, w, w->factors.reused.narrow ? NARROW : FULL, r, proposed);
+    solve_bordered(p, s->points, w, w->factors.reused.narrow ? NARROW : FULL, r, proposed);
     ++w->factors.reused.now;
     double size = size_of(p, s, w, proposed), error = sqrt(fabs(dot(n, r, proposed))), length = sqrt(dot(n, r, r));
     if (!isfinite(size)) return 0;
@@ -253,7 +253,7 @@ static int refine(const Tables *p, const Numbers *s, Work *w, const Convergence 
     }
     if (k > 0 && k + log(excess) / -log(slowness) > w->factors.reused.worth) return 0;
     last_excess = excess, last_length = length;
-    subtract_product(p, s, w, proposed, r);
+    subtract_product(p, s->points, w, proposed, r);
   }
   return 0;
 }
@@ -270,8 +270,8 @@ static void begin_reused(ReusedFactors *reused) {
 static const double NARROW_ERROR = 1e-2;
 
 /* Forgets the narrow copy of new factors if its solution is not nearly theirs: of a matrix that is nearly singular. */
-static void judge_narrow(const Tables *p, const Numbers *s, Work *w) {
-  solve_bordered(p, s, w, NARROW, w->reduced, w->proposed);
+static void judge_narrow(const Tables *p, const PointForces *points, Work *w) {
+  solve_bordered(p, points, w, NARROW, w->reduced, w->proposed);
   add_times(p->free, -1, w->step, w->proposed);
   double error = dot(p->free, w->proposed, w->proposed), all = dot(p->free, w->step, w->step);
   w->factors.reused.narrow = error <= NARROW_ERROR * NARROW_ERROR * all;
@@ -282,21 +282,21 @@ static void judge_narrow(const Tables *p, const Numbers *s, Work *w) {
 static int solve_reduced(const Tables *p, const Numbers *s, Work *w, const Convergence *c, double *rest) {
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
-  if (HAS(CHAIN | BAND)) return solve_bordered(p, s, w, FULL, w->reduced, w->step);
+  if (HAS(CHAIN | BAND)) return solve_bordered(p, s->points, w, FULL, w->reduced, w->step);
   w->newton.old_factors = w->newton.raised = 0;
   if (w->factors.reused.worth && w->factors.reused.present && !w->factors.reused.exact) {
     if (HAS(SLIDERS) && p->border.rows) eliminate_bordering_rows(p, w);
     if (refine(p, s, w, c, rest)) return w->newton.old_factors = 1;
     if (HAS(SLIDERS) && p->border.rows) fill_bordering_rows(p, w);
   }
-  if (!factorise_tangent(p, s, w, 0)) {
-    w->newton.raised = solve_bordered(p, s, w, RAISED, w->reduced, w->step) ? 1 : -1;
+  if (!factorise_tangent(p, s->points, w, 0)) {
+    w->newton.raised = solve_bordered(p, s->points, w, RAISED, w->reduced, w->step) ? 1 : -1;
     if (w->newton.raised > 0 || !p->scheme.at_rest || largest(p->free, w->reduced, 0) > 0) return w->newton.raised > 0;
     memset(w->step, 0, p->free * sizeof(double)); /* a straight path that bifurcates needs no correction */
     return 1;
   }
-  if (!solve_bordered(p, s, w, FULL, w->reduced, w->step)) return 0;
-  if (w->factors.reused.narrow) judge_narrow(p, s, w);
+  if (!solve_bordered(p, s->points, w, FULL, w->reduced, w->step)) return 0;
+  if (w->factors.reused.narrow) judge_narrow(p, s->points, w);
   return 1;
 }
 
@@ -304,7 +304,7 @@ static int solve_reduced(const Tables *p, const Numbers *s, Work *w, const Conve
    the older ones served. Returns 0 if it is singular. */
 OF_STEPS int fx_renew_factors(Problem *problem) {
   const Tables *p = problem->tables; const Numbers *s = &problem->numbers; Work *w = &problem->work;
-  int narrow = w->factors.reused.narrow, regular = factorise(p, s, w);
+  int narrow = w->factors.reused.narrow, regular = factorise(p, s->points, w);
   w->factors.reused.narrow &= narrow;
   if (regular) w->newton.old_factors = 0;
   return regular;

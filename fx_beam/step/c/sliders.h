@@ -18,9 +18,9 @@ static double moved_by_beam(const Slider *a, int c, const double *change) {
 }
 
 /* Adds the forces on slides. */
-static void push_columns(const Numbers *s, double *out) {
-  for (int i = s->points->nodal; i < s->points->all; ++i)
-    out[s->points->of[i].column] += s->points->of[i].results[0];
+static void push_columns(const PointForces *points, double *out) {
+  for (int i = points->nodal; i < points->all; ++i)
+    out[points->of[i].column] += points->of[i].results[0];
 }
 
 /* Adds the forces of all sliding nodes, for the forces on nodes: those on their columns pass on to their beams, in `loaded`,
@@ -62,8 +62,8 @@ static void set_axes(const Tables *p, const Numbers *s, const Work *w) {
 }
 
 /* Whether a node leaves its beam in the step, or passes too many elements. */
-static int leaves_beam(const Tables *p, const Work *w) {
-  for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) {
+static int leaves_beam(const Sliders *sliders, const Work *w) {
+  for (int i = 0; HAS(SLIDERS) && i < sliders->count; ++i) {
     const Slider *a = w->slider + i;
     double length = a->ends[a->elements], off = fmax(-a->s1, a->s1 - length);
     int passed = element_of(a, a->s1) - element_of(a, a->s0);
@@ -77,7 +77,7 @@ static void begin_sliders(const Tables *p, const Work *w) {
   memset(w->D, 0, p->dofs * sizeof(double));
   for (Slider *a = w->slider; a < w->slider + p->sliders.count; ++a) {
     a->s0 = a->s1 = w->state.slides[a->joint], a->slide = 0;
-    slide_on(p, w, a, w->D);
+    slide_on(&p->scheme, &w->state, a, w->D);
   }
 }
 
@@ -85,9 +85,9 @@ static void begin_sliders(const Tables *p, const Work *w) {
 static double rate_along(Two apart, Two tangent) { return dot2(apart, tangent) / dot2(tangent, tangent); }
 
 /* Rates of slides at the start of a step, by the values of T. At mid-step forces depend on mean rates alone. */
-static void find_slide_rates(const Tables *p, const Numbers *s, const Work *w) {
+static void find_slide_rates(const Tables *p, const PointForces *points, const Work *w) {
   const double *v = w->state.v;
-  if (s->points->all == s->points->nodal || p->scheme.level == 0.5) return;
+  if (points->all == points->nodal || p->scheme.level == 0.5) return;
   for (int j = 0; j < p->joints.count; ++j) {
     int a = p->joints.carrier[j], b = p->joints.carried_node[j];
     Two apart = {at(v, b - 2) - at(v, a - 2), at(v, b - 1) - at(v, a - 1)}, turned = at(v, a) * pair(w->values0 + 1 + 4 * j);

@@ -10,8 +10,8 @@
 static inline int values_of_joints(const Tables *p) { return 1 + 4 * p->joints.count + p->gears.count; }
 
 /* Whether factors that serve several steps have a narrow copy: those of large systems. */
-static int has_narrow(const Tables *p, const Work *w) {
-  return w->factors.rows && w->factors.rows->parts && w->factors.reused.worth && !p->border.rows;
+static int has_narrow(const Border *border, const Factors *factors) {
+  return factors->rows && factors->rows->parts && factors->reused.worth && !border->rows;
 }
 
 static void *allocate(double **at, long n) {
@@ -44,7 +44,8 @@ OF_STEPS long fx_lay_out(Problem *problem, double *memory) {
   PLACE(follows, p->loops.columns), PLACE(pivot_row, m + 1), PLACE(pivot_column, p->loops.pivoting_size);
   PLACE(touched, 2 * p->loops.columns), PLACE(band, 2 * p->loops.blocks), PLACE(exchanged, 2 * m);
   PLACE(corner_exchanged, b), PLACE(reached, positions), PLACE(crossed, 2 * b);
-  if (has_narrow(p, w)) { /* lower columns are less than half of all entries, and so are upper ones: there is room for one more */
+  if (has_narrow(&p->border, &w->factors)) {
+    /* Lower columns are less than half of all entries, and so are upper ones: there is room for one more */
     long half = rows->start[rows->unknowns] / (rows->symmetric ? 2 : 4) + 2;
     PLACE(narrow.lower, half), PLACE(narrow.upper, half), PLACE(narrow.lower_at, rows->groups), PLACE(narrow.upper_at, rows->groups);
     PLACE(narrow.own, 9L * rows->groups);
@@ -56,9 +57,9 @@ OF_STEPS long fx_lay_out(Problem *problem, double *memory) {
 }
 
 /* Sets rows of the block to zero that were not yet reached: one, or those of a group of a chain. */
-static inline void reach(const Tables *p, const Work *w, int row) {
+static inline void reach(const Border *border, const Work *w, int row) {
   int first = HAS(CHAIN) ? row / 3 * 3 : row, end = first + (HAS(CHAIN) ? 3 : 1);
   if (w->reached[row]) return;
-  memset(w->block + (long)first * p->border.block, 0, (long)(end - first) * p->border.block * sizeof(double));
+  memset(w->block + (long)first * border->block, 0, (long)(end - first) * border->block * sizeof(double));
   for (int i = first; i < end; ++i) w->reached[i] = 1;
 }
