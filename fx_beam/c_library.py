@@ -330,7 +330,8 @@ class Structs:
     """Sets members of C structs, and keeps the data to which they point.
 
     A member takes, by its declaration, a number, an array, the address of a function or of data, a
-    dict for a struct, or a list of dicts for a pointer to structs. Others are zero.
+    dict for a struct, also one to which a pointer points already, or a list of dicts for a pointer
+    to new structs. Others are zero.
     """
 
     def __init__(self, ffi: FFI):

@@ -107,7 +107,8 @@ class JointsInC:
     @property
     def memory(self) -> tuple[list, list[np.ndarray]]:
         """Structs and arrays that change, for a `BlockPlan`."""
-        structs, arrays = [], [self.arms, self.gears]
+        structs: list[Any] = []
+        arrays = [self.arms, self.gears]
         if not self.couplings.is_selection:
             own_structs, own_arrays = self.configuration.memory
             structs, arrays = structs + own_structs, arrays + own_arrays
@@ -178,15 +179,15 @@ class Configuration:
         self.following = np.zeros(members["loops"].get("closures", 0), np.int32)
         sliders = [slide.members() for slide in slides]
         work = {"state": state, "slider": sliders, "following": self.following}
-        numbers |= {"points": [{}]}
-        self._structs.set(self._c, tables=[members], numbers=numbers, work=work)
+        points: dict[str, Any] = {"points": [{}]}
+        self._structs.set(self._c, tables=[members], numbers=numbers | points, work=work)
         self._scratch = np.zeros(self._library.fx_lay_out(self._c, ffi.NULL))
         self._library.fx_lay_out(self._c, ffi.from_buffer("double[]", self._scratch))
-        results, array = self._c.work, functools.partial(array_at, ffi)
+        w, array = self._c.work, functools.partial(array_at, ffi)
         #: Increments of nodes and columns; the values of T and Tv; closures.
-        self.D, self.z = array(results.D, size), array(results.z, columns)
-        self.values = array(results.values, values), array(results.virtual_map, values)
-        self.closure = array(results.closure, len(self.following))
+        self.D, self.z = array(w.D, size), array(w.z, columns)
+        self.values = array(w.values, values), array(w.virtual_map, values)
+        self.closure = array(w.closure, len(self.following))
 
     @property
     def memory(self) -> tuple[list, list[np.ndarray]]:

@@ -112,28 +112,25 @@ class FormTables:
         self._all_forms, mesh = problem.model.forms, problem.model.mesh
         #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
         self.rows = {"dofs": mesh.unknowns.dofs}
-        for name, n in (
-            ("internal", p.internal.per_cell),
-            ("natural", p.natural.per_cell),
-        ):
+        for name, n in ("internal", p.internal.per_cell), ("natural", p.natural.per_cell):
             if n:
                 self.rows[name] = np.arange(p.cells * n).reshape(-1, n)
         self._coordinates_of_cells = mesh.coordinates
-        #: Data of cells by cells, since forms have them in common.
-        self._shared: dict[bytes, dict[str, object]] = {}
+        #: Tables and coordinates of cells by cells, since forms have them in common.
+        self._shared: dict[bytes, tuple[dict[str, object], np.ndarray]] = {}
         #: Numbers of the scene, which C reads here: coordinates with their cells; data of beams;
         #: and load factors where C sets none.
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
         self._data: list[CellData] = []
         self._factors: list[np.ndarray] = []
-        self._integrals: list[Any] = []
+        self._cells: list[Any] = []
         self._constants: list[np.ndarray] = []
 
     @property
     def memory(self) -> tuple[list, list[np.ndarray]]:
         """Structs and arrays that change, for a `BlockPlan`."""
         arrays = [blocks for _, blocks in self._coordinates] + self._constants
-        return self._integrals, arrays + [data._data for data in self._data if data._own]
+        return self._cells, arrays + [data._data for data in self._data if data._own]
 
     def of_run(self, problem: Any, block: Any) -> FormTables:
         """The tables of another run, in a block; `set_numbers` is to follow."""
@@ -145,18 +142,13 @@ class FormTables:
         other._structs = Structs(self._ffi)
         # For forms that are added later, such as derivatives.
         other._coordinates_of_cells = problem.model.mesh.coordinates
-        other._shared = {
-            key: data | {"coordinates": view(data["coordinates"])}
-            for key, data in self._shared.items()
-        }
+        other._shared = {key: (data, view(x)) for key, (data, x) in self._shared.items()}
         other._coordinates = [(cells, view(blocks)) for cells, blocks in self._coordinates]
         other._factors = [view(factor) for factor in self._factors]
         other._constants = [*map(view, self._constants)]
-        other._integrals = [block.struct(self._ffi, x) for x in self._integrals]
-        integrals = (x for several in other._integrals for x in several)
-        other._data = [
-            data.of(integral, block) for data, integral in zip(self._data, integrals, strict=True)
-        ]
+        other._cells = [block.struct(self._ffi, x) for x in self._cells]
+        cells = (x for several in other._cells for x in several)
+        other._data = [data.of(x, block) for data, x in zip(self._data, cells, strict=True)]
         return other
 
     @property
@@ -238,30 +230,35 @@ class FormTables:
         *offsets, first = (known.get(name, -1) for name in ("time", *step_names, "parameters"))
         still = [field for field in starts if field not in fields]  # C sets those that move
         columns = [starts[field] + k for field in still for k in range(field.space.width)]
-        integrals = self._ffi.new("Integral[]", len(cells))
-        self._integrals.append(integrals)
-        for integral, rows, batch in zip(integrals, cells, batches, strict=True):
-            self._structs.set(integral, batch=batch, cells=len(rows), **self._data_of(rows))
-            self._data.append(CellData(still, rows, self._lanes, self._ffi, integral))
+        numbers_of_cells = self._ffi.new("Cells[]", len(cells))
+        self._cells.append(numbers_of_cells)
+        for own, rows, batch in zip(numbers_of_cells, cells, batches, strict=True):
+            tables, coordinates = self._tables_of(rows)
+            integral = {"batch": batch, "cells": len(rows)} | tables
+            self._structs.set(own, of=[integral], coordinates=coordinates)
+            self._data.append(CellData(still, rows, self._lanes, self._ffi, own))
         if "load_factor" in known and not at_rest:
             self._factors.append(constants[known["load_factor"] :][:1])
-        return {
-            "integrals": len(cells),
+        form_tables = {
             "width": width,
-            "of": int(self._ffi.cast("uintptr_t", integrals)),
             "data_width": len(columns),
             "data_column": columns,
             "moving": len(moving),
             "kind": [kind for kind, _ in moving],
             "offset": [offset for _, offset in moving],
-            "constants": constants,
             **dict(zip(("time_at", "dt_at", "memory_at"), offsets, strict=True)),
             "parameters_at": first,
             **(parameter_members if first >= 0 else {}),
         }
+        return {
+            "integrals": len(cells),
+            "tables": [form_tables],
+            "cells": int(self._ffi.cast("uintptr_t", numbers_of_cells)),
+            "constants": constants,
+        }
 
-    def _data_of(self, cells: np.ndarray) -> dict[str, object]:
-        """Data of some cells, by their names in C."""
+    def _tables_of(self, cells: np.ndarray) -> tuple[dict[str, object], np.ndarray]:
+        """Tables of some cells, by their names in C, and coordinates."""
         if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
         stored_at = self._storage.stored_at[self._all_forms.cell_entries[cells]]
@@ -273,15 +270,15 @@ class FormTables:
         data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._tables.dofs)}
         if self._piece:
             data |= in_colours(nodes, self._piece)
-        data["coordinates"] = coordinates = self._in_plane(self._coordinates_of_cells[cells])
+        coordinates = self._in_plane(self._coordinates_of_cells[cells])
         self._coordinates.append((cells, coordinates))
         if self._tables.system.chain:
             rows = rows_of_nodes(stored_at, first_free, self._lanes)
             data |= rows | {"run": self._blocks(rows["run"], first_free)}
         else:
             data["stored_at"] = self._blocks(stored_at, first_free)
-        self._shared[key] = data
-        return data
+        self._shared[key] = data, coordinates
+        return data, coordinates
 
     def _blocks(self, rows: np.ndarray, first_free: int | None = None) -> np.ndarray:
         return in_lanes(rows, self._lanes, first_free)
@@ -306,9 +303,9 @@ class CellData:
     blocks once.
     """
 
-    def __init__(self, fields: list[Field], cells: np.ndarray, lanes: int, ffi: Any, integral: Any):
+    def __init__(self, fields: list[Field], cells: np.ndarray, lanes: int, ffi: Any, own: Any):
         self._fields, self._cells, self._lanes = fields, cells, lanes
-        self._ffi, self._integral = ffi, integral
+        self._ffi, self._of_c = ffi, own
         # Places of numbers in the arrays of the fields, in blocks, and the columns of each field.
         self._places: list[tuple[slice, np.ndarray]] = []
         blocks, column = self._blocks(), 0
@@ -335,11 +332,11 @@ class CellData:
         data[...] = blocks[is_new]
         self._point_to(data, np.cumsum(is_new, dtype=np.int32) - 1)
 
-    def of(self, integral: Any, block: Any) -> CellData:
+    def of(self, own: Any, block: Any) -> CellData:
         """The same of another run, in a block."""
         other = object.__new__(CellData)
         other.__dict__.update(self.__dict__)
-        other._integral = integral
+        other._of_c = own
         if self._own:
             other._data = block.view(self._data)
         return other
@@ -363,8 +360,8 @@ class CellData:
     def _point_to(self, data: np.ndarray, numbers: np.ndarray) -> None:
         """Have C read a block of cells in the row of `data` that `numbers` has for it."""
         self._data, self._numbers = data, numbers
-        self._integral.data = self._ffi.from_buffer("double[]", data)
-        self._integral.data_at = self._ffi.from_buffer("int[]", numbers)
+        self._of_c.data = self._ffi.from_buffer("double[]", data)
+        self._of_c.data_at = self._ffi.from_buffer("int[]", numbers)
 
 
 def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:

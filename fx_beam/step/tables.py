@@ -198,12 +198,9 @@ class Problem:
             structs.append(ffi.cast("SparseRows *", w.factors.rows))
         if p.sliders.count:
             structs.append(ffi.cast(f"Slider(*)[{p.sliders.count}]", w.slider)[0])
-        if p.parts.count:
-            arrays.append(array_at(ffi, w.part_energy, 2 * p.parts.count))
-        if w.slide_rate:
-            arrays.append(array_at(ffi, w.slide_rate, self.model.scene.joint_count))
-        if p.loops.closures:
-            arrays.append(array_at(ffi, w.following, p.loops.closures))
+        own = {"part_energy": 2 * p.parts.count, "following": p.loops.closures}
+        own["slide_rate"] = self.model.scene.joint_count if w.slide_rate else 0
+        arrays += [array_at(ffi, getattr(w, name), n) for name, n in own.items()]
         blank = [self.scratch, self.inverted_q, self.sides, storage.sparse_factors]
         plan = BlockPlan(ffi, structs, arrays, blank, outer)
         if self.tables is not None and self.tables.is_placed:

@@ -6,8 +6,8 @@
 #include "linearised.h"
 
 /* The Jacobians of a block of elements in a sub-step that has begun. */
-static void evaluate_slopes(const Tables *p, const Work *w, const Vjp *elements, const Integral *integral, long block, double *to) {
-  evaluate(p, w, &elements->slopes, integral, block, to);
+static void evaluate_slopes(const Tables *p, const Work *w, const Vjp *elements, const Cells *cells, long block, double *to) {
+  evaluate(p, w, &elements->slopes, cells, block, to);
   for (int i = 0; i < elements->pieces; ++i) {
     int end = elements->end_of[i], weights = elements->piece_weights[i], n = elements->piece_numbers[i] * weights * LANES;
     double *piece = to + elements->piece_start[i] * LANES, *end_slopes = end < 0 ? 0 : to + elements->piece_start[end] * LANES;
@@ -24,8 +24,8 @@ static void find_slopes(const Tables *p, const Work *w, const Derivatives *a, co
     const Vjp *elements = work_of_elements(a, i);
     long n = (long)elements->slope_numbers * LANES;
     double *to = l->slopes[i], room[n + 1];
-    EACH_BLOCK(integral, block, &elements->slopes) {
-      evaluate_slopes(p, w, elements, integral, block, l->share ? room : to);
+    EACH_BLOCK(cells, block, &elements->slopes) {
+      evaluate_slopes(p, w, elements, cells, block, l->share ? room : to);
       for (long k = 0; l->share && k < n; ++k) to[k] = l->share * room[k] + (l->adds ? to[k] : 0);
       to += n;
     }
@@ -37,10 +37,10 @@ static void find_slopes(const Tables *p, const Work *w, const Derivatives *a, co
 static void add_slopes(const Mesh *mesh, const Forms *forms, const Vjp *elements, const double *slopes, double *K) {
   int n = mesh->cell_dofs;
   double A[12 * 12 * LANES];
-  EACH_BLOCK(integral, block, &forms->internal_forces) {
+  EACH_BLOCK(cells, block, &forms->internal_forces) {
     const double *end_slopes = slopes + elements->piece_start[0] * LANES; /* [increment][force][lane] */
     for (int k = 0; k < n * n; ++k) memcpy(A + k * LANES, end_slopes + (k % n * n + k / n) * LANES, LANES * sizeof(double));
-    add_tangents(n, integral, block, A, K);
+    add_tangents(n, cells->of, block, A, K);
     slopes += elements->slope_numbers * LANES;
   }
 }
@@ -120,8 +120,8 @@ INLINED void add_products(int numbers, int weights, const double *slopes, const 
    With `held` the end does not change. */
 INLINED void jvp_cells(const Vjp *elements, const double *slopes, int weights, int internal, int held, Changes *x) {
   const int *from = elements->from, *to = elements->to + (internal ? (elements->weights - weights) * LANES : 0);
-  EACH_BLOCK(integral, block, &elements->slopes) {
-    for (int lane = 0; lane < LANES && block * LANES + lane < integral->cells; ++lane) {
+  EACH_BLOCK(cells, block, &elements->slopes) {
+    for (int lane = 0; lane < LANES && block * LANES + lane < cells->of->cells; ++lane) {
       Changes sums[weights];
       for (int k = 0; k < weights; ++k) sums[k] = (Changes){0};
       for (int i = 0; i < elements->pieces; ++i)
@@ -160,9 +160,9 @@ INLINED void vjp_cells(const Tables *p, const Work *w, const Vjp *elements, cons
   const int *from = elements->from, *to = elements->to;
   Four weight[elements->weights * (LANES / 4) + 1];
   double room[elements->slope_numbers * LANES + 1];
-  EACH_BLOCK(integral, block, &elements->slopes) {
+  EACH_BLOCK(cells, block, &elements->slopes) {
     const double *slopes = stored ? stored : room;
-    if (stored) stored += (long)elements->slope_numbers * LANES; else evaluate_slopes(p, w, elements, integral, block, room);
+    if (stored) stored += (long)elements->slope_numbers * LANES; else evaluate_slopes(p, w, elements, cells, block, room);
     for (int k = 0; k < elements->weights * LANES; ++k) ((double *)weight)[k] = x[to[k]];
     for (int i = 0; i < elements->pieces; ++i) {
       int internal = elements->weight_at[i], at = elements->number_at[i];

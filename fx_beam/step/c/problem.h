@@ -38,6 +38,35 @@ enum {
   OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED, PASSED_THROUGH, OUT_OF_LINE,
   OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION, AMPLIFIED };
 
+/* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
+   for LANES elements, with entry k of lane l at [k][l]. */
+typedef void Batch(double *, const double *, const double *, const double *);
+
+/* The elements of one integral, in blocks of LANES. The last block is padded with copies of the last
+   element. Their results are added behind the end of the vector or matrix, where they are not used;
+   each lane has its own index there, so that additions do not wait for each other. */
+typedef struct {
+  Batch *batch; int cells;
+  /* [block][..][lane]: the first degree of freedom of each node, where it is read and added to; of pairs of degrees of freedom of
+     a cell indices in the tangent; of internal variables and natural strains those in the ones of all cells. */
+  int *dofs, *to, *stored_at, *internal, *natural;
+  /* In a chain instead, for pairs of nodes with entries in three rows of a group: [block][row's node, column's node][lane] index
+     of the first. Other entries: where those of each block begin, their indices among the element tensors, and in the tangent. */
+  int *run, *single_start, *single_from, *single_to;
+  /* Of a large scene colours, with the pieces of so many blocks that each has, which have no node in common: threads share them. */
+  int colours, *colour_start, *piece;
+} Integral;
+
+enum { PIECE = 16 };
+
+/* Of a Form which field each of the `moving` coefficients is, and where it begins among those of an element, `width` in all; where
+   each of those that do not move is among these. Indices among the constants, or -1, that of the first parameter last; which ones
+   of the scene the parameters are. */
+typedef struct {
+  int width, moving, *kind, *offset, data_width, *data_column;
+  int time_at, dt_at, memory_at, parameters_at, parameters, *parameter;
+} FormTables;
+
 /* Nodes and elements of the beams: degrees of freedom without mass; how many threads share the elements. */
 typedef struct { int nodes, cell_dofs, cell_coordinates, massless_count, *massless, threads; } Mesh;
 
@@ -179,36 +208,12 @@ typedef struct {
   AtPoints at_points; Parameters parameters; Motors motors; Passes passes; Parts parts; Scheme scheme; NewtonOptions newton;
 } Tables;
 
-/* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
-   for LANES elements, with entry k of lane l at [k][l]. */
-typedef void Batch(double *, const double *, const double *, const double *);
+/* Numbers of the elements of an integral, [block][..][lane]: coordinates x and y of each place. Coefficients that do not move: blocks
+   with equal ones share them, so that each has its number among those stored. */
+typedef struct { const Integral *of; double *coordinates, *data; int *data_at; } Cells;
 
-/* The elements of one integral, in blocks of LANES. The last block is padded with copies of the last
-   element. Their results are added behind the end of the vector or matrix, where they are not used;
-   each lane has its own index there, so that additions do not wait for each other. */
-typedef struct {
-  Batch *batch; int cells;
-  /* [block][..][lane]: the first degree of freedom of each node, where it is read and added to; of pairs of degrees of freedom of
-     a cell indices in the tangent; of internal variables and natural strains those in the ones of all cells; coordinates x and y of
-     each place. Coefficients that do not move: blocks with equal ones share them, so that each has its number among those stored. */
-  int *dofs, *to, *stored_at, *internal, *natural, *data_at; double *coordinates, *data;
-  /* In a chain instead, for pairs of nodes with entries in three rows of a group: [block][row's node, column's node][lane] index
-     of the first. Other entries: where those of each block begin, their indices among the element tensors, and in the tangent. */
-  int *run, *single_start, *single_from, *single_to;
-  /* Of a large scene colours, with the pieces of so many blocks that each has, which have no node in common: threads share them. */
-  int colours, *colour_start, *piece;
-} Integral;
-
-enum { PIECE = 16 };
-
-/* Compiled forms that are evaluated together: one integral for each law. Which field each of the `moving` coefficients is, and where
-   it begins among those of an element, `width` in all; where each of those that do not move is among these.
-   Indices among the constants, or -1, that of the first parameter last; which ones of the scene the parameters are. */
-typedef struct {
-  int integrals, width; Integral *of;
-  int moving, *kind, *offset, data_width, *data_column; double *constants;
-  int time_at, dt_at, memory_at, parameters_at, parameters, *parameter;
-} Form;
+/* Compiled forms that are evaluated together: one integral for each law. */
+typedef struct { int integrals; const FormTables *tables; Cells *cells; double *constants; } Form;
 
 /* Forms of the beams: internal forces and drag, each with its tangent; energies lost to drag, to the material and to the scheme,
    and held by it, also at the start with the parameters of the step; increments of the internal variables, each times the weight
