@@ -48,7 +48,7 @@ class JointsInC:
         self.arms = np.zeros((2, len(couplings.arm_joints), 2))
         #: Weights of both terms of gears, and their sums at rest (gears, 3).
         self.gears = np.zeros((len(couplings.gears), 3))
-        #: Tables by the names in c/problem.h, without positions in the tangent.
+        #: Tables by the names in c/tables.h, without positions in the tangent.
         self.members = self._tables()
 
     def set_numbers(self, arms: dict[int, Arm], gears: Sequence[Sequence[float]]) -> None:
@@ -62,11 +62,11 @@ class JointsInC:
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
-        """Offsets and axes of joints that move, and gears, by the names in c/problem.h."""
+        """Offsets and axes of joints that move, and gears, by the names in c/numbers.h."""
         return {"offset": self.arms[0], "axis": self.arms[1], "gears": self.gears}
 
     def _tables(self) -> dict[str, Any]:
-        """The couplings by the names in c/problem.h, without positions in the tangent."""
+        """The couplings by the names in c/tables.h, without positions in the tangent."""
         couplings, arm_joints = self.couplings, self.couplings.arm_joints
         entries = couplings.all_entries
         # Rows that follow through joint m: in x as 2 m, in y as 2 m + 1.
@@ -159,7 +159,7 @@ def begin_to_build_joints() -> None:
 class Configuration:
     """Joints at one configuration, in C: increments in a step, and the values of T and Tv.
 
-    `members` are named as in ``Tables`` of c/problem.h, `numbers` as in ``Numbers``.
+    `members` are named as in ``Tables`` of C (c/tables.h), `numbers` as in ``Numbers``.
     """
 
     def __init__(

@@ -118,7 +118,7 @@ class Loops:
         return self._entries.matrix(values, (len(self._couplings.closures), columns))
 
     def members(self) -> dict[str, object]:
-        """``Loops`` of problem.h, without positions in the tangent."""
+        """``Loops`` of tables.h, without positions in the tangent."""
         couplings, arm_joints = self._couplings, self._couplings.arm_joints
         arms = {
             (joint.number, i): 2 * m + i for m, joint in enumerate(arm_joints) for i in range(2)
@@ -160,7 +160,7 @@ class Loops:
         }
 
     def gear_members(self) -> dict[str, object]:
-        """``Gears`` of problem.h."""
+        """``Gears`` of tables.h."""
         gears = self._couplings.gears
         arms = {joint.number: m for m, joint in enumerate(self._couplings.arm_joints)}
         terms = [(term.joint, term.name == "slide") for gear in gears for term in gear.terms]

@@ -100,7 +100,7 @@ _NO_STEP = StepBatch(np.zeros(1), np.ones(1))
 
 
 class FormTables:
-    """Forms as ``Form`` of c/problem.h, of the `Problem` of tables.py."""
+    """Forms as ``Form`` of c/numbers.h, of the `Problem` of tables.py."""
 
     def __init__(self, problem: Any):
         self._tables, self._lanes = (p := problem.c.tables), problem.constants.LANES

@@ -133,7 +133,7 @@ class CompiledLoop:
         return Interval(t, t + dt, dt)
 
     def find_by(self, find: Callable[[float, Any], int]) -> None:
-        """Find increments of sub-steps by a function, ``find`` of c/problem.h."""
+        """Find increments of sub-steps by a function, ``find`` of c/work.h."""
         keep = weakref.ref(self)
 
         def fail(kind: type, error: BaseException, trace: object) -> None:

@@ -63,7 +63,7 @@ class StateVector:
         state_arrays = {name: arrays[name] for name in sizes}
         #: The state that is in the memory; None where steps, or others, have changed it since.
         self.present: State | None = None
-        #: Members of ``Work`` of c/problem.h.
+        #: Members of ``Work`` of c/work.h.
         self.members: dict[str, dict[str, object]] = {
             "state": {"memory": self.memory, "size": len(self.memory), **state_arrays},
             "predictor": {name: arrays[name] for name in past},

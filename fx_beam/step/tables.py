@@ -73,7 +73,7 @@ class SceneNumbers:
         return mesh.coordinates if moved else None
 
     def _positions(self) -> dict[str, np.ndarray]:
-        """The numbers that change where nodes move, by the names in c/problem.h."""
+        """The numbers that change where nodes move, by the names in c/numbers.h."""
         return {
             "position": self._model.mesh.X,
             "per_unit": 1 / self._model.units.nodes,
@@ -328,7 +328,7 @@ class Problem:
             self.set(numbers={"frame": {"arm": arm, "spin_squared": frame.spin**2}})
 
     def results(self, **sizes: int) -> Iterator[np.ndarray]:
-        """Arrays of C's Work in the last step, by the names in c/problem.h, with sizes."""
+        """Arrays of C's Work in the last step, by the names in c/work.h, with sizes."""
         return (array_at(self.ffi, getattr(self.c.work, name), n) for name, n in sizes.items())
 
     def given(self) -> Iterator[np.ndarray]:
@@ -366,7 +366,7 @@ def _points(storage: TangentStorage) -> dict[str, dict[str, object]]:
 
 
 def _scheme(storage: TangentStorage) -> dict[str, object]:
-    """The scheme, by the names in c/problem.h."""
+    """The scheme, by the names in c/tables.h."""
     model, kind = storage.model, storage.kind
     rates, fractions = model.scheme.rates, model.scheme.fractions
     scheme = {
@@ -384,7 +384,7 @@ def _scheme(storage: TangentStorage) -> dict[str, object]:
 
 
 def _motors(model: Model) -> dict[str, object]:
-    """Driven motions, by the names in c/problem.h."""
+    """Driven motions, by the names in c/tables.h."""
     prescribed, motors = [*model.prescribed], model.data.motors
     return {
         "prescribed": len(prescribed),

@@ -325,7 +325,7 @@ def on_bordering_rows(
 def bordering_tables(
     model: Model, tables: list[dict[str, Any]], places: np.ndarray, first: int, inside: bool
 ) -> dict[str, Any]:
-    """The border and its rows, for `tables` of sliding nodes, by the names in c/problem.h.
+    """The border and its rows, for `tables` of sliding nodes, by the names in c/tables.h.
 
     `places` are the storage indices of `storage_of`. Bordering rows are numbered downwards from
     `first`; they may be `inside` of the sparse rows.

@@ -4,7 +4,7 @@
 
 #include <string.h>
 #include "vectors.h"
-#include "work.h"
+#include "room.h"
 
 /* Multiplies a vector by a factor; by zero also if it is not finite. */
 HOT void scale(long n, double factor, double *x) {

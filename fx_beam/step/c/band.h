@@ -97,7 +97,7 @@ INLINED void substitute_band(int n, int band, Ends ends, const double *A, double
   }
 }
 
-/* Subtracts a multiple of a row of the block (work.h), of n times four columns, from another one. */
+/* Subtracts a multiple of a row of the block (room.h), of n times four columns, from another one. */
 INLINED void subtract_in_block(const Work *w, int n, int row, double factor, int other) {
   Four *to = (Four *)w->block + (long)row * n, *subtracted = (Four *)w->block + (long)other * n;
   for (int j = 0; j < n; ++j) to[j] -= factor * subtracted[j];

@@ -131,7 +131,7 @@ static int are_coupled(const double *one, const double *other) {
   return sum != 0;
 }
 
-/* The block (work.h), of n times four columns, from its right sides, after `eliminate_chain` that kept its rows. */
+/* The block (room.h), of n times four columns, from its right sides, after `eliminate_chain` that kept its rows. */
 INLINED void solve_chain_columns(const Tables *p, const Work *w, int middle, int n) {
   double *A = w->tangent;
   Four *block = (Four *)w->block;

@@ -25,7 +25,7 @@ typedef struct {
   double share;                             /* with which forces are added to a sum; 0 for none */
   int adds;                                 /* whether this has begun */
   double *trial;                            /* backwards, derivatives without those by the equations */
-  Changes *block, *bordering_solutions;       /* forwards, right sides and solutions (work.h), and those of bordering rows */
+  Changes *block, *bordering_solutions;       /* forwards, right sides and solutions (room.h), and those of bordering rows */
   /* Whether offsets, axes and rests of joints, or places and paths of nodes that slide, change in any direction. */
   int moves_joints;
   double *followed, *next; /* forces that friction follows */

@@ -4,7 +4,7 @@
 
 #pragma once
 
-#include "problem.h"
+#include "work.h"
 #include "sparse_lu.h"
 
 /* Work that threads share: with right sides b, or without for the copy. */

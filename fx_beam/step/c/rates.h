@@ -4,7 +4,7 @@
 
 #include "algebra.h"
 
-/* Rotations of which tangents are computed at once: the arrays have room for nodes behind the last one (work.h). */
+/* Rotations of which tangents are computed at once: the arrays have room for nodes behind the last one (room.h). */
 enum { TURNS = 4 };
 
 /* Writes x of four nodes, but for their rotations. */

@@ -2,7 +2,7 @@
 
 #pragma once
 
-#include "work.h"
+#include "room.h"
 
 /* Numbers and arrays of a row. */
 enum { TAPED_NUMBERS = 5, TAPED = 12 };
