@@ -276,7 +276,9 @@ def memory(call):
     Problem.__init__ = remember
     call()
     Problem.__init__ = begin
-    arrays, nodes = (arrays_of(problems[-1]), problems[-1].c.mesh.nodes) if problems else ({}, 1)
+    arrays, nodes = (
+        (arrays_of(problems[-1]), problems[-1].c.tables.mesh.nodes) if problems else ({}, 1)
+    )
     node_memory = sum(arrays.values()) / nodes if problems else None
     return {"memory [bytes a node]": node_memory, "nodes": nodes, "arrays": arrays}
 
@@ -287,7 +289,7 @@ def arrays_of(problem):
     arrays = [array for array in referenced if isinstance(array, np.ndarray)]
     tables = [array for array in referenced if not isinstance(array, np.ndarray)]
     left = {array.ctypes.data: array.nbytes for array in arrays}
-    sizes = {}
+    sizes = {"scratch": problem.scratch.nbytes}
     for struct in [problem.c, *(row for table in tables for row in table)]:
         for name, address in pointers_of(ffi, struct):
             if size := left.pop(address, 0):

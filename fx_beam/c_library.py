@@ -14,7 +14,7 @@ import subprocess
 import tempfile
 import threading
 import weakref
-from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -330,16 +330,14 @@ class Structs:
     """Sets members of C structs, and keeps the data to which they point.
 
     A member takes, by its declaration, a number, an array, the address of a function or of data, a
-    dict for a struct, or a list of dicts for a pointer to structs. None is for a pointer that the
-    scene does not need.
+    dict for a struct, also one to which a pointer points already, or a list of dicts for a pointer
+    to new structs. Others are zero.
     """
 
     def __init__(self, ffi: FFI):
         self._ffi = ffi
         self._arrays = {name: ffi.typeof(f"{name}[]") for name in _NUMBERS}
         self._referenced: list[object] = []
-        # Addresses of structs, and names of their pointers that are not needed.
-        self._unneeded: set[tuple[int, str]] = set()
 
     def set(self, struct: FFI.CData, **values: Any) -> None:
         """Set members of a struct, or of the one to which a pointer points."""
@@ -350,32 +348,16 @@ class Structs:
                 setattr(struct, name, value)
             elif kind.kind == "array":
                 getattr(struct, name)[0 : len(value)] = list(value)
-            elif kind.kind == "struct":
+            elif isinstance(value, Mapping):
                 self.set(getattr(struct, name), **value)
             elif value is None or (isinstance(value, int) and value == 0):
                 setattr(struct, name, self._ffi.NULL)
-                self._unneeded.add((self._address(struct), name))
             else:
                 setattr(struct, name, self._pointer(kind, value))
-
-    def remember(self, struct: FFI.CData) -> None:
-        """Remember what a struct has now, for `restore`."""
-        self._fresh = bytes(self._ffi.buffer(struct)), len(self._referenced)
-
-    def restore(self, struct: FFI.CData) -> None:
-        """Set all members of a struct to the remembered values, and forget arrays set since."""
-        values, count = self._fresh
-        self._ffi.memmove(struct, values, len(values))
-        del self._referenced[count:]
 
     def _type(self, struct: FFI.CData) -> FFI.CType:
         kind = self._ffi.typeof(struct)
         return kind.item if kind.kind == "pointer" else kind
-
-    def _address(self, struct: FFI.CData) -> int:
-        is_pointer = self._ffi.typeof(struct).kind == "pointer"
-        struct_pointer = struct if is_pointer else self._ffi.addressof(struct)
-        return int(self._ffi.cast("uintptr_t", struct_pointer))
 
     def _pointer(self, kind: FFI.CType, value: Any) -> FFI.CData:
         if kind.kind == "function" or isinstance(value, int):
@@ -398,33 +380,7 @@ class Structs:
         self._referenced.append(array)
         for number, row in enumerate(rows):
             self.set(array[number], **row)
-            self.check(array[number])
         return array
-
-    def check(self, struct: FFI.CData) -> None:
-        """ValueError if a pointer of a struct is not set.
-
-        A struct without any numbers and pointers is not needed, in another one, too.
-        """
-        if missing := list(self._missing(struct)):
-            type_name = self._type(struct).cname
-            raise ValueError(f"C struct {type_name}: not set: {', '.join(missing)}")
-
-    def _missing(self, struct: FFI.CData, path: str = "") -> Iterator[str]:
-        """Paths of the pointers that are not set."""
-        names: dict[str, list[str]] = {}
-        for name, kind in _types(self._type(struct)).items():
-            names.setdefault(kind.kind, []).append(name)
-        pointers = [*names.get("pointer", ()), *names.get("function", ())]
-        missing = [name for name in pointers if not getattr(struct, name)]
-        if missing:
-            address = self._address(struct)
-            missing = [name for name in missing if (address, name) not in self._unneeded]
-        numbers = any(getattr(struct, name) for name in names.get("primitive", ()))
-        if len(missing) < len(pointers) or numbers:
-            yield from (f"{path}{name}" for name in missing)
-        for name in names.get("struct", ()):
-            yield from self._missing(getattr(struct, name), f"{path}{name}.")
 
 
 @functools.cache

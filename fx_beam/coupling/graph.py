@@ -64,7 +64,7 @@ class Entries(NamedTuple):
         return self.row, self.column, values[self.value_at] * self.sign
 
     def members(self, prefix: str = "") -> dict[str, np.ndarray]:
-        """Columns, positions of values and signs, by the names in problem.h."""
+        """Columns, positions of values and signs, by the names in tables.h."""
         parts = ("column", self.column), ("value", self.value_at), ("sign", self.sign)
         return {f"{prefix}{part}": values for part, values in parts}
 
@@ -101,7 +101,7 @@ class SystemEntries(NamedTuple):
 
     rows: np.ndarray
     columns: np.ndarray
-    #: Values and signs, by the names in problem.h.
+    #: Values and signs, by the names in tables.h.
     factors: dict[str, np.ndarray]
 
 
@@ -527,7 +527,7 @@ class Auxiliaries:
         return (self._entries.matrix(values, self._shape) - auxiliaries).tocsr()
 
     def members(self) -> dict[str, object]:
-        """The sums as ``Auxiliary`` of problem.h."""
+        """The sums as ``Auxiliary`` of tables.h."""
         owners, arms = self._entries.arms
         return {
             "count": self._count,

@@ -49,7 +49,7 @@ class JointsInC:
         self.arms = np.zeros((2, len(couplings.arm_joints), 2))
         #: Weights of both terms of gears, and their sums at rest (gears, 3).
         self.gears = np.zeros((len(couplings.gears), 3))
-        #: Tables by the names in c/problem.h, without positions in the tangent.
+        #: Tables by the names in c/tables.h, without positions in the tangent.
         self.members = self._tables()
 
     def set_numbers(self, arms: dict[int, Arm], gears: Sequence[Sequence[float]]) -> None:
@@ -62,12 +62,12 @@ class JointsInC:
             gear_numbers[:] = numbers
 
     @property
-    def offsets_and_axes(self) -> dict[str, np.ndarray]:
-        """Offsets and axes of joints that move, by the names in c/problem.h."""
-        return dict(zip(("offset", "axis"), self.arms, strict=True))
+    def numbers(self) -> dict[str, np.ndarray]:
+        """Offsets and axes of joints that move, and gears, by the names in c/numbers.h."""
+        return {"offset": self.arms[0], "axis": self.arms[1], "gears": self.gears}
 
     def _tables(self) -> dict[str, Any]:
-        """The couplings by the names in c/problem.h, without positions in the tangent."""
+        """The couplings by the names in c/tables.h, without positions in the tangent."""
         couplings, arm_joints = self.couplings, self.couplings.arm_joints
         entries = couplings.all_entries
         # Rows that follow through joint m: in x as 2 m, in y as 2 m + 1.
@@ -99,17 +99,16 @@ class JointsInC:
                 "followers": len(followers),
                 "follower": followers,
                 "through": arm_numbers,
-                **self.offsets_and_axes,
             },
             "auxiliary": self.auxiliaries.members(),
             "loops": {} if self.loops is None else self.loops.members(),
-            "gears": {} if self.loops is None else self.loops.gear_members(self.gears),
+            "gears": {} if self.loops is None else self.loops.gear_members(),
         }
 
     @property
     def memory(self) -> tuple[list, list[np.ndarray]]:
         """Structs and arrays that change, for a `BlockPlan`."""
-        structs: list = []
+        structs: list[Any] = []
         arrays = [self.arms, self.gears]
         if not self.couplings.is_selection:
             own_structs, own_arrays = self.configuration.memory
@@ -128,10 +127,9 @@ class JointsInC:
     def configuration(self) -> Configuration:
         """Joints in C."""
         slides = self.sliders.all if self.sliders else []
-        sliders = {"count": len(slides), "slider": [slide.members() for slide in slides]}
         scheme = {"level": self._rates.level, **self._rates.constants}
-        members = self.members | {"scheme": scheme, "sliders": sliders}
-        return Configuration(members, self.couplings.sign.shape[1], slides)
+        members = self.members | {"scheme": scheme, "sliders": {"count": len(slides)}}
+        return Configuration(members, self.numbers, self.couplings.sign.shape[1], slides)
 
     @property
     def independent(self) -> np.ndarray:
@@ -161,35 +159,42 @@ def begin_to_build_joints() -> None:
 class Configuration:
     """Joints at one configuration, in C: increments in a step, and the values of T and Tv.
 
-    `members` are named as in ``Problem`` of c/problem.h.
+    `members` are named as in ``Tables`` of C (c/tables.h), `numbers` as in ``Numbers``.
     """
 
-    def __init__(self, members: dict[str, Any], joints: int, slides: Sequence[Slide]):
+    def __init__(
+        self,
+        members: dict[str, Any],
+        numbers: dict[str, np.ndarray],
+        joints: int,
+        slides: Sequence[Slide],
+    ):
         ffi, self._library = c_library.open_library(*_LIBRARY, "problem.h", MACROS, (), _FLAGS)
         self._structs, self._slides = Structs(ffi), slides
         self._c, self._ffi = ffi.new("Problem *"), ffi
         size, columns = members["dofs"], members["columns"] + members["auxiliary"]["count"]
         self._state = np.zeros(size), np.zeros(joints)
         state = dict(zip(("q", "slides"), self._state, strict=True))
-        self._structs.set(self._c, **members, points=[{}], state=state)
-        scratch = np.zeros(self._library.fx_scratch(self._c))
-        self._structs.set(self._c, run={"scratch": scratch})
-        self._scratch = scratch
-        results, array = self._library.fx_results(self._c), functools.partial(array_at, ffi)
         values = 1 + 4 * members["joints"]["count"] + members["gears"].get("count", 0)
-        closures = members["loops"].get("closures", 0)
+        self.following = np.zeros(members["loops"].get("closures", 0), np.int32)
+        sliders = [slide.members() for slide in slides]
+        work = {"state": state, "slider": sliders, "following": self.following}
+        points: dict[str, Any] = {"points": [{}]}
+        self._structs.set(self._c, tables=[members], numbers=numbers | points, work=work)
+        self._scratch = np.zeros(self._library.fx_lay_out(self._c, ffi.NULL))
+        self._library.fx_lay_out(self._c, ffi.from_buffer("double[]", self._scratch))
+        w, array = self._c.work, functools.partial(array_at, ffi)
         #: Increments of nodes and columns; the values of T and Tv; closures.
-        self.D, self.z = array(results.D, size), array(results.z, columns)
-        self.values = array(results.values, values), array(results.virtual_map, values)
-        self.closure = array(results.closure, closures)
-        self.following = array(self._c.loops.following, closures)
+        self.D, self.z = array(w.D, size), array(w.z, columns)
+        self.values = array(w.values, values), array(w.virtual_map, values)
+        self.closure = array(w.closure, len(self.following))
 
     @property
     def memory(self) -> tuple[list, list[np.ndarray]]:
         """Structs and arrays that change, for a `BlockPlan`."""
         structs, count = [self._c], len(self._slides)
         if count:
-            structs.append(self._ffi.cast(f"Slider(*)[{count}]", self._c.sliders.slider)[0])
+            structs.append(self._ffi.cast(f"Slider(*)[{count}]", self._c.work.slider)[0])
         return structs, [*self._state, self._scratch, self.following]
 
     def in_block(self, block: Any) -> Configuration:
@@ -221,7 +226,7 @@ class Configuration:
     def relations(self, virtual: bool) -> Iterator[tuple[np.ndarray, int]]:
         """For each node on a beam the columns of T, or Tv, and where its window begins."""
         for i, slide in enumerate(self._slides):
-            c = self._c.sliders.slider[i]
+            c = self._c.work.slider[i]
             rows = np.frombuffer(self._ffi.buffer(c.virtual_map if virtual else c.T)).reshape(3, -1)
             width, components = slide.path.width, len(slide.columns)
             yield rows[:components, [*range(components * width), -1]], c.first
@@ -229,4 +234,4 @@ class Configuration:
     @property
     def arcs(self) -> list[tuple[float, float]]:
         """Arc lengths of nodes on beams at both ends of the step [m]."""
-        return [(c.s0, c.s1) for c in (self._c.sliders.slider[i] for i in range(len(self._slides)))]
+        return [(c.s0, c.s1) for c in (self._c.work.slider[i] for i in range(len(self._slides)))]

@@ -118,7 +118,7 @@ class Loops:
         return self._entries.matrix(values, (len(self._couplings.closures), columns))
 
     def members(self) -> dict[str, object]:
-        """``Loops`` of problem.h, without positions in the tangent."""
+        """``Loops`` of tables.h, without positions in the tangent."""
         couplings, arm_joints = self._couplings, self._couplings.arm_joints
         arms = {
             (joint.number, i): 2 * m + i for m, joint in enumerate(arm_joints) for i in range(2)
@@ -139,7 +139,6 @@ class Loops:
             "pivoting_size": max(_FILL * part.nnz + part.shape[1] for part in parts),
             "column": self.columns,
             "unit": self._pivot_unit[self.unknowns],
-            "following": np.zeros(len(self), dtype=int),
             "b": [b for _, b in ends],
             "a": [a for a, _ in ends],
             "arm": [arms.get((joint.number, i), -1) for joint, i in closed],
@@ -160,8 +159,8 @@ class Loops:
             "carried_closure": self.carried,
         }
 
-    def gear_members(self, numbers: np.ndarray) -> dict[str, object]:
-        """``Gears`` of problem.h."""
+    def gear_members(self) -> dict[str, object]:
+        """``Gears`` of tables.h."""
         gears = self._couplings.gears
         arms = {joint.number: m for m, joint in enumerate(self._couplings.arm_joints)}
         terms = [(term.joint, term.name == "slide") for gear in gears for term in gear.terms]
@@ -173,7 +172,6 @@ class Loops:
             "joint": [arms[joint.number] if slides else -1 for joint, slides in terms],
             "a": [max(-1, 3 * a + 2) for a, _ in turns],
             "b": [max(-1, 3 * b + 2) for _, b in turns],
-            "numbers": numbers,
         }
 
     def stiffened(self) -> tuple[Entries, Entries]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class ReducedTangent(NamedTuple):
-    """How the reduced tangent is made of the full one, by the names in c/problem.h."""
+    """How the reduced tangent is made of the full one, by the names in c/tables.h."""
 
     #: Sparsity (indptr, indices) of the linear system, in compressed rows; nodes that slide on
     #: beams border it.

@@ -135,7 +135,6 @@ class Slide:
             "components": len(self.columns),
             "carried": self.columns,
             "node": self.node_dofs,
-            "turn_stored_at": None,
             "entry_start": self._entry_start,
             "entry_row": self._entries.row,
             "entry_value": self._entries.value_at,

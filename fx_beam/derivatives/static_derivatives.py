@@ -90,7 +90,7 @@ class StaticDerivatives:
             columns, dofs, _, _ = model.couplings.free_columns
             first = np.zeros(model.reduction.free, int)
             first[columns] = dofs
-            problem.set(statics={"hold_dof": first, "holds": len(first)})
+            problem.set(work={"statics": {"hold_dof": first, "holds": len(first)}})
         self.derivatives = TapeDerivatives(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
         if holding_forces.any():

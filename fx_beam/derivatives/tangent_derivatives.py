@@ -163,7 +163,7 @@ class TangentDerivatives:
         Several are followed forwards, where this can be.
         """
         motions = self.along_motions(pairs)
-        if len(weights) > 1 and not self._steps.problem.c.loops.closures:
+        if len(weights) > 1 and not self._steps.problem.c.tables.loops.closures:
             return (weights @ self._forwards(motions)).real
         sums = np.zeros((len(weights), len(self.changes["X"])))
         for row, sum_weights in zip(sums, weights, strict=True):

@@ -154,7 +154,7 @@ class TangentSteps:
 
     def spread(self, rows: np.ndarray) -> np.ndarray:
         """Rows (n, free) of the model from rows of the unknowns; other columns are zero."""
-        wide = np.zeros((len(rows), self.problem.c.free))
+        wide = np.zeros((len(rows), self.problem.c.tables.free))
         wide[:, self._linear.unknowns] = rows
         return wide
 

@@ -209,7 +209,7 @@ class BeamData:
         #: Fields and arrays by name.
         self.named = named
         #: Functions that change: the first in every iteration, the others in every step. They are
-        #: numbered as the kinds of coefficients in problem.h; None is missing.
+        #: numbered as the kinds of coefficients in tables.h; None is missing.
         self.moving: list[Any] = [named.get(name) for name in (*NODAL, "internal", *NATURAL)]
         self.set_numbers(numbers)
 

@@ -53,7 +53,6 @@ class CompiledPoints:
             probe=self._probe,
             followed={"size": following, "memory": self._followed},
         )
-        self._structs.check(self._all)
         #: Address of the C struct PointForces.
         self.address = int(ffi.cast("uintptr_t", self._all))
 

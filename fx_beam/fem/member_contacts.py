@@ -188,7 +188,6 @@ class MemberContacts:
         pair, law, numbers, mesh = self.pairs[i], self.laws[i], self._numbers[i], self._mesh
         return {
             **law.members,
-            "slopes": None,
             "sums": law.law.size,
             "loaded": law.law.size - (4 if law.law.internal else 2),
             "first_slot": self.first_slots[i],

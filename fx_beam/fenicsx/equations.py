@@ -70,7 +70,7 @@ class Equations:
         reduction, strains = self.model.reduction, self.model.data.natural
         # The end less the start differs from dt by round-off, which would count as work.
         interval = self.loop.interval(dt)
-        start = self.loop.state.read(self.loop.problem.c.state.t)
+        start = self.loop.state.read(self.loop.problem.c.work.state.t)
         reduction.begin(start.q, start.slides)
         if self._natural is not None:
             self._natural_in_c[:] = self._natural.ravel()
@@ -123,7 +123,7 @@ class Equations:
 
     def finish(self, dt: float) -> None:
         """Hand the increment, its forces and the work of added terms over to the engine."""
-        model, state = self.model, self.loop.problem.c.state
+        model, state = self.model, self.loop.problem.c.work.state
         self.c_step.z[: model.reduction.free] = self._y
         self.c_step.r[:], self.c_step.f[:] = self.forces, self.internal
         path, _ = model.scheme.rates.work_increment(self.c_step.D, model.mesh.turns)

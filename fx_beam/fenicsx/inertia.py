@@ -26,7 +26,7 @@ class Inertia:
         """M a (size,) at increments D (size,)."""
         rates, start = self._model.scheme.rates, self._start
         if rules := self._model.forms.nodal_rules:
-            rule = rules[self._loop.problem.c.run.sub_step % len(rules)]
+            rule = rules[self._loop.problem.c.work.run.sub_step % len(rules)]
             return self._mass @ self._by_rule(rule, D)
         path, slope = rates.work_increment(D, self._model.mesh.turns)
         a, steepness = rates.acceleration(path, start.v, start.a, self._dt)

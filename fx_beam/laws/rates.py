@@ -34,7 +34,7 @@ class UpdateRule(Protocol):
     #: Whether derivatives of whole motions follow its steps.
     has_derivatives: ClassVar[bool] = False
 
-    #: Members of ``Problem`` in c/problem.h: the rule of rates (0: mean, 1: Newmark's).
+    #: Members of ``Scheme`` in c/tables.h: the rule of rates (0: mean, 1: Newmark's).
     constants: Any
     #: Level of the step at which forces are evaluated: 0 is its start, 1 its end.
     level: Any

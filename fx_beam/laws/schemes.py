@@ -26,7 +26,7 @@ from .resultants import (
 if TYPE_CHECKING:
     from fx_beam.scene.symbols import Parameter
 
-#: Sub-steps that the loop over time steps has room for (c/problem.h).
+#: Sub-steps that the loop over time steps has room for (c/tables.h).
 MOST_SUB_STEPS = 32
 _S = 1 / (4 - 4 ** (1 / 3))
 # Suzuki's composition of order four; its third sub-step goes back in time.

@@ -184,7 +184,7 @@ ROWS = {name: quantity for name, quantity in ARRAYS.items() if quantity.record} 
     "energies": StateArray((8,), "always"),
     "momenta": StateArray((3,), "always"),
 }
-#: Members of the state in C, as macros of problem.h.
+#: Members of the state in C, as macros of c/work.h.
 MACROS = (
     f"STATE_NUMBERS {', '.join(NUMBERS)}",
     f"STATE_ARRAYS {', '.join(f'*{name}' for name in ARRAYS)}",

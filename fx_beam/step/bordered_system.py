@@ -16,7 +16,7 @@ def without_border(
     """The system (n, n) of A (n, n) and the `entries` (n + m, n + m) of what borders it.
 
     Columns of sliding nodes, and forces on them, are eliminated: the pivots of the `border` (tables
-    of problem.h) are 1 or -1, and what is left couples slides with the nodes near to them.
+    of tables.h) are 1 or -1, and what is left couples slides with the nodes near to them.
     """
     n, size = A.shape[0], entries.shape[0]
     A = scipy.sparse.csr_matrix(A)

@@ -55,7 +55,7 @@ def load_batches(
     numbers: tuple[int, int, int],
     loaded: dict[tuple[str, ...], c_library.Functions],
 ) -> list[int]:
-    """Addresses of a ``Batch`` of problem.h for each C function of a source.
+    """Addresses of a ``Batch`` of tables.h for each C function of a source.
 
     The functions of one element, element_0, element_1, ..., have these numbers of tensor entries,
     coefficients and coordinates. They stay as long as they are among those that are `loaded`.

@@ -60,7 +60,7 @@ class Checkpoints:
         #: Memory of all rows [bytes], half of which is for increments.
         self.limit, self._problem = limit, problem
         #: Sub-steps of a step.
-        self.parts = int(problem.c.scheme.sub_steps)
+        self.parts = int(problem.c.tables.scheme.sub_steps)
         self.clear()
 
     def clear(self) -> None:
@@ -75,8 +75,8 @@ class Checkpoints:
         Without these, or without memory for them, None.
         """
         problem, p = self._problem, self._problem.c
-        work = [array.copy() for array in problem.work] if p.system.reused.worth else []
-        snapshot = p.state.t, bytes(problem.ffi.buffer(p)), problem.state.memory.copy()
+        work = [array.copy() for array in problem.work] if p.work.factors.reused.worth else []
+        snapshot = p.work.state.t, bytes(problem.ffi.buffer(p)), problem.state.memory.copy()
         increments = self._increments(steps.number * self.parts) if keeps_increments else None
         self._every.append(Checkpoint(first, steps, *snapshot, work, increments))
         return increments
@@ -91,7 +91,7 @@ class Checkpoints:
 
     def _increments(self, sub_steps: int) -> np.ndarray | None:
         """Room for increments, if there is memory, and if steps follow from these alone."""
-        p = self._problem.c
+        p = self._problem.c.tables
         bytes_now = 8 * sub_steps * p.columns
         touches = self._problem.model.points.members is not None or p.at_points.friction_follows
         if touches or self._kept + bytes_now > self.limit / 2:
@@ -105,7 +105,7 @@ class Checkpoints:
             part_rows = rows[checkpoint.first :][: checkpoint.steps.number * self.parts]
             if (increments := self._increments(len(part_rows))) is None:
                 return
-            increments[:] = part_rows[:, part_rows.shape[1] - self._problem.c.columns :]
+            increments[:] = part_rows[:, part_rows.shape[1] - self._problem.c.tables.columns :]
             self._every[i] = checkpoint._replace(increments=increments)
 
     def groups(self) -> list[list[Checkpoint]]:

@@ -64,7 +64,7 @@ class Equations:
         self._doubles = problem.ffi.typeof("double[]")
         n, columns, p = model.size, model.reduction.columns, problem.c
         D, self._z, r, self._tangent, f, residual = problem.results(
-            D=n, z=columns, r=n, tangent=p.tangent.stored, f=n, reduced=columns
+            D=n, z=columns, r=n, tangent=p.tables.tangent.stored, f=n, reduced=columns
         )
         self._force, _, self._strains = problem.given()
         self._balance = Balance(D, f, r, residual)

@@ -69,7 +69,7 @@ class FittedRates:
         self.layout = layout = Layout(problem, library.fx_layout(self._p, self._a))
         room = aligned_zeros(library.fx_linear_scratch(self._p, self._a))
         self._structs.set(self._a, scratch=room)
-        rows, p, slides = layout.at, self._p, layout.slides
+        rows, p, slides = layout.at, self._p.tables, layout.slides
         states = {"q": rows["q"], "v": rows["v"], "slides": slides, "driven rates": rows["driven"]}
         slides1 = np.where(slides < rows["q"][0], slides - rows["Y"][0] + rows["Y1"][0], slides)
         #: Rows of states, and of what is found.
@@ -93,11 +93,16 @@ class FittedRates:
 
     def followed(self, way: int, *states: np.ndarray, **derivatives: object) -> Fit:
         """As `fit`, and derivatives in one `way`, by members of ``Derivatives`` in C."""
-        model, n, p = self._model, len(states[0]), self._p
+        model, n, p = self._model, len(states[0]), self._p.tables
         if self._problem.numbers.data is not model.data:
             self._problem.restart()
         q, v, slides, driven = (np.ascontiguousarray(x, dtype=float) for x in states)
-        shapes = q.shape, (n, 0), (n, p.passes.joints, 3), (n, p.columns - p.free)
+        shapes = (
+            q.shape,
+            (n, 0),
+            (n, p.passes.joints, 3),
+            (n, p.columns - p.free),
+        )
         # What is not a number stays so where it is singular.
         fit = Fit(*(*(np.full(shape, np.nan) for shape in shapes), driven))
         if (unknown := np.isnan(driven)).any():

@@ -91,9 +91,6 @@ class Kernel(NamedTuple):
         return f"{{ {packed};\n{name}(A + {first}, own_w, own_c, x{unused}); }}\n"
 
 
-# Data of cells that not all scenes have: a tangent in rows or in a chain, and fields of beams.
-_NOT_ALWAYS = "stored_at", "run", "single_start", "single_from", "single_to", "internal", "natural"
-_OF_THREADS = "colour_start", "piece"
 # Blocks of cells that have their coefficients each.
 _FEW = 64
 # What is read before any step.
@@ -101,10 +98,10 @@ _NO_STEP = StepBatch(np.zeros(1), np.ones(1))
 
 
 class FormTables:
-    """Forms as ``Form`` of c/problem.h, of the `Problem` of tables.py."""
+    """Forms as ``Form`` of c/numbers.h, of the `Problem` of tables.py."""
 
     def __init__(self, problem: Any):
-        self._problem, self._lanes = (p := problem.c), problem.constants.LANES
+        self._tables, self._lanes = (p := problem.c.tables), problem.constants.LANES
         self._storage, self._ffi = problem.storage, problem.ffi
         self._structs = Structs(self._ffi)
         # Cells that threads take at once.
@@ -117,41 +114,35 @@ class FormTables:
             if n:
                 self.rows[name] = np.arange(p.cells * n).reshape(-1, n)
         self._coordinates_of_cells = mesh.coordinates
-        #: Data of cells by cells, since forms have them in common.
-        self._shared: dict[bytes, dict[str, object]] = {}
+        #: Tables and coordinates of cells by cells, since forms have them in common.
+        self._shared: dict[bytes, tuple[dict[str, object], np.ndarray]] = {}
         #: Numbers of the scene, which C reads here: coordinates with their cells; data of beams;
         #: and load factors where C sets none.
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
         self._data: list[CellData] = []
         self._factors: list[np.ndarray] = []
-        self._integrals: list[Any] = []
+        self._cells: list[Any] = []
         self._constants: list[np.ndarray] = []
 
     @property
     def memory(self) -> tuple[list, list[np.ndarray]]:
         """Structs and arrays that change, for a `BlockPlan`."""
         arrays = [blocks for _, blocks in self._coordinates] + self._constants
-        return self._integrals, arrays + [data.array for data in self._data if data.is_own]
+        return self._cells, arrays + [data.array for data in self._data if data.is_own]
 
     def in_block(self, block: Any, problem: Any) -> FormTables:
         """The tables of a run, in its block, with the numbers of its model."""
         other, view = shallow_copy(self), block.view
-        other._problem, other._storage = problem.c, problem.storage
+        other._tables, other._storage = problem.c.tables, problem.storage
         other._all_forms, other._forms = problem.model.forms, problem.model.forms.beams
         other._structs = Structs(self._ffi)
-        other._shared = {
-            key: data | {"coordinates": view(data["coordinates"])}
-            for key, data in self._shared.items()
-        }
+        other._shared = {key: (data, view(x)) for key, (data, x) in self._shared.items()}
         other._coordinates = [(cells, view(blocks)) for cells, blocks in self._coordinates]
         other._factors = [view(factor) for factor in self._factors]
         other._constants = [*map(view, self._constants)]
-        other._integrals = [block.struct(self._ffi, x) for x in self._integrals]
-        integrals = (x for several in other._integrals for x in several)
-        other._data = [
-            data.in_block(block, integral)
-            for data, integral in zip(self._data, integrals, strict=True)
-        ]
+        other._cells = [block.struct(self._ffi, x) for x in self._cells]
+        cells = (x for several in other._cells for x in several)
+        other._data = [data.in_block(block, x) for data, x in zip(self._data, cells, strict=True)]
         model = problem.model
         other.set_numbers(model.mesh.coordinates, model.data.forms.beams)
         return other
@@ -202,7 +193,7 @@ class FormTables:
 
     def of(self, name: str, kernel: Kernel) -> dict[str, object]:
         """Forms of a kernel; `name` is that of the form that takes longest to compile."""
-        p, data, fields = self._problem, self._forms.data, self._forms.data.moving
+        p, data, fields = self._tables, self._forms.data, self._forms.data.moving
         form, cells = kernel.forms[0], kernel.forms[0].cells
         width = form.width
         numbers = kernel.size, width, p.mesh.cell_coordinates
@@ -220,50 +211,55 @@ class FormTables:
         # C sets those that move.
         still = {named[id(field)]: field for field in starts if field not in fields}
         columns = [starts[field] + k for field in still.values() for k in range(field.space.width)]
-        integrals = self._ffi.new("Integral[]", len(cells))
-        self._integrals.append(integrals)
-        for integral, rows, batch in zip(integrals, cells, batches, strict=True):
-            self._structs.set(integral, batch=batch, cells=len(rows), **self._data_of(rows))
-            self._data.append(CellData(still, rows, self._lanes, self._ffi, integral))
-            self._structs.check(integral)
+        numbers_of_cells = self._ffi.new("Cells[]", len(cells))
+        self._cells.append(numbers_of_cells)
+        for own, rows, batch in zip(numbers_of_cells, cells, batches, strict=True):
+            tables, coordinates = self._tables_of(rows)
+            integral = {"batch": batch, "cells": len(rows)} | tables
+            self._structs.set(own, of=[integral], coordinates=coordinates)
+            self._data.append(CellData(still, rows, self._lanes, self._ffi, own))
         if "load_factor" in known and not at_rest:
             self._factors.append(constants[known["load_factor"] :][:1])
-        return {
-            "integrals": len(cells),
+        form_tables = {
             "width": width,
-            "of": int(self._ffi.cast("uintptr_t", integrals)),
             "data_width": len(columns),
             "data_column": columns,
             "moving": len(moving),
             "kind": [kind for kind, _ in moving],
             "offset": [offset for _, offset in moving],
-            "constants": constants,
             **dict(zip(("time_at", "dt_at", "memory_at"), offsets, strict=True)),
             "parameters_at": first,
-            **(parameter_members if first >= 0 else {"parameter": None}),
+            **(parameter_members if first >= 0 else {}),
+        }
+        return {
+            "integrals": len(cells),
+            "tables": [form_tables],
+            "cells": int(self._ffi.cast("uintptr_t", numbers_of_cells)),
+            "constants": constants,
         }
 
-    def _data_of(self, cells: np.ndarray) -> dict[str, object]:
-        """Data of some cells, by their names in C."""
+    def _tables_of(self, cells: np.ndarray) -> tuple[dict[str, object], np.ndarray]:
+        """Tables of some cells, by their names in C, and coordinates."""
         if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
         stored_at = self._storage.stored_at[self._all_forms.cell_entries[cells]]
-        first_free = self._problem.tangent.stored
-        data: dict[str, object] = dict.fromkeys(_NOT_ALWAYS + _OF_THREADS)
-        data |= {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
+        first_free = self._tables.tangent.stored
+        data: dict[str, object] = {
+            n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"
+        }
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
-        data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._problem.dofs)}
+        data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._tables.dofs)}
         if self._piece:
             data |= in_colours(nodes, self._piece)
-        data["coordinates"] = coordinates = self._in_plane(self._coordinates_of_cells[cells])
+        coordinates = self._in_plane(self._coordinates_of_cells[cells])
         self._coordinates.append((cells, coordinates))
-        if self._problem.system.chain:
+        if self._tables.system.chain:
             rows = rows_of_nodes(stored_at, first_free, self._lanes)
             data |= rows | {"run": self._blocks(rows["run"], first_free)}
         else:
             data["stored_at"] = self._blocks(stored_at, first_free)
-        self._shared[key] = data
-        return data
+        self._shared[key] = data, coordinates
+        return data, coordinates
 
     def _blocks(self, rows: np.ndarray, first_free: int | None = None) -> np.ndarray:
         return in_lanes(rows, self._lanes, first_free)
@@ -281,11 +277,9 @@ class CellData:
     blocks once.
     """
 
-    def __init__(
-        self, fields: dict[str, Field], cells: np.ndarray, lanes: int, ffi: Any, integral: Any
-    ):
+    def __init__(self, fields: dict[str, Field], cells: np.ndarray, lanes: int, ffi: Any, own: Any):
         self._fields, self._cells, self._lanes = fields, cells, lanes
-        self._ffi, self._integral = ffi, integral
+        self._ffi, self._of_c = ffi, own
         #: Whether each block has numbers of its own.
         self.is_own = -(-len(cells) // lanes) <= _FEW
         if not self.is_own:
@@ -307,10 +301,10 @@ class CellData:
         for name, (columns, places) in zip(self._fields, self._places, strict=True):
             yield name, at[:, columns].ravel(), places.ravel()
 
-    def in_block(self, block: Any, integral: Any) -> CellData:
+    def in_block(self, block: Any, own: Any) -> CellData:
         """The coefficients of a run, in its block."""
         other = shallow_copy(self)
-        other._integral = integral
+        other._of_c = own
         if self.is_own:
             other.array = block.view(self.array)
         return other
@@ -343,8 +337,8 @@ class CellData:
     def _point_to(self, data: np.ndarray, numbers: np.ndarray) -> None:
         """Have C read a block of cells in the row of `data` that `numbers` has for it."""
         self.array, self._numbers = data, numbers
-        self._integral.data = self._ffi.from_buffer("double[]", data)
-        self._integral.data_at = self._ffi.from_buffer("int[]", numbers)
+        self._of_c.data = self._ffi.from_buffer("double[]", data)
+        self._of_c.data_at = self._ffi.from_buffer("int[]", numbers)
 
 
 def in_lanes(rows: np.ndarray, lanes: int, first_free: int | None = None) -> np.ndarray:

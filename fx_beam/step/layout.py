@@ -52,7 +52,7 @@ class Layout:
         #: Indices of the numbers of each sub-step among these, and how many there are.
         self.steps = {name: self.at[name] - starts[_FIRST_OF_STEPS] for name in names[first:end]}
         self.step_size = starts[_FIRST_OF_RESULTS] - starts[_FIRST_OF_STEPS]
-        model, p = problem.model, problem.c
+        model, p = problem.model, problem.c.tables
         self._group_size = problem.constants.GROUP_SIZE
         #: Indices of the slides of all joints.
         self.slides = np.full(model.scene.joint_count, starts["nowhere"])

@@ -49,9 +49,14 @@ class LoadLoop(CompiledLoop):
         self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
         self.drag_weight = np.where(model.acted_on, model.units.nodes**-2.0, 0.0)
-        statics = {"hold": self.hold, "viscous_weight": self.drag_weight}
-        statics["diagonal_at"] = self.problem.storage.stored_at[model.masses.places.diagonal]
-        self.problem.set(statics=statics, newton={"predicted": self._predicted})
+        diagonal_at = self.problem.storage.stored_at[model.masses.places.diagonal]
+        self.problem.set(
+            numbers={"viscous_weight": self.drag_weight},
+            work={
+                "statics": {"hold": self.hold, "diagonal_at": diagonal_at},
+                "newton": {"predicted": self._predicted},
+            },
+        )
         self.problem.set_frame(forcing.turning)
         n, columns = model.size, model.reduction.columns
         sizes = {"D": n, "z": columns, "r": n, "tangent": self.problem.storage.entries}
@@ -70,11 +75,11 @@ class LoadLoop(CompiledLoop):
     @property
     def drag(self) -> float:
         """Drag [J] on increments, in all tangents and residuals of the loop and its equations."""
-        return float(self.problem.c.statics.viscosity)
+        return float(self.problem.c.work.statics.viscosity)
 
     @drag.setter
     def drag(self, drag: float) -> None:
-        self.problem.set(statics={"viscosity": drag})
+        self.problem.set(work={"statics": {"viscosity": drag}})
 
     def record(self, state: State, recorder: Recorder) -> None:
         """Record a state in the next row of a recorder.
@@ -102,10 +107,10 @@ class LoadLoop(CompiledLoop):
         c_inputs, t = inputs.in_c(self.problem.ffi), self.forcing.time - length
         if not self._steps(1, t, length, c_inputs, self._one_row):
             raise self.failures.in_c(self.problem, state)
-        ended_by = "round-off" if p.counts.by_round_off else "increment"
+        ended_by = "round-off" if p.work.counts.by_round_off else "increment"
         D, z, r, _ = self._results
         y, predicted = z[: self.model.reduction.free].copy(), self._predicted.copy()
-        step = StepSolution(D.copy(), y, r.copy(), p.newton.tried, ended_by, predicted)
+        step = StepSolution(D.copy(), y, r.copy(), p.work.newton.tried, ended_by, predicted)
         return self._taken(state, interval), step
 
     def finished(self, state: State, interval: Interval, y: np.ndarray, r: np.ndarray) -> State:
@@ -161,7 +166,7 @@ class LoadLoop(CompiledLoop):
     @property
     def singular(self) -> bool:
         """Whether it was singular, or nearly."""
-        return self.problem.c.newton.raised < 0
+        return self.problem.c.work.newton.raised < 0
 
     @property
     def values(self) -> np.ndarray:
@@ -174,13 +179,13 @@ class LoadLoop(CompiledLoop):
         By Sylvester's law of inertia: the pivots have their signs. The next step has its factors.
         """
         p = self.problem.c
-        if p.newton.raised:
+        if p.work.newton.raised:
             return None
-        if p.newton.old_factors and not self.problem.library.fx_renew_factors(p):
+        if p.work.newton.old_factors and not self.problem.library.fx_renew_factors(p):
             return None
-        if not p.system.unknowns:
+        if not p.tables.system.unknowns:
             return 0
-        rows = p.system.rows
-        factors = array_at(self.problem.ffi, rows.factors, rows.start[p.system.unknowns])
-        diagonal = array_at(self.problem.ffi, rows.diagonal, p.system.unknowns)
+        rows = p.work.factors.rows
+        factors = array_at(self.problem.ffi, rows.factors, rows.start[p.tables.system.unknowns])
+        diagonal = array_at(self.problem.ffi, rows.diagonal, p.tables.system.unknowns)
         return int((factors[diagonal] < 0).sum())

@@ -58,7 +58,7 @@ class CompiledLoop:
         self.forcing, self.stats = forcing, stats
         #: A block for what C does and what Python counts of it, which Ctrl-C does not divide.
         self.whole: AbstractContextManager[None] = NOTHING
-        self.problem.c.inverted.least_energy = least_energy(self.model)
+        self.problem.c.work.inverted.least_energy = least_energy(self.model)
         stats.solver = stats.solver or f"compiled, {self.problem.storage.factors}"
 
     @property
@@ -90,11 +90,11 @@ class CompiledLoop:
                 state = self.state.present = self.state.read(float(ends[count - 1]))
                 self.stats.steps += completed(count)
                 recorder.end = state
-        C, failure, last_ratio, ratio = self.problem.library, p.run.failure, None, None
+        C, failure, last_ratio, ratio = self.problem.library, p.work.run.failure, None, None
         switched = steps.watch and failure == C.SWITCHED
         self.stats.unconverged += failure == C.NO_CONVERGENCE
         if steps.control is not None and failure in (C.OK, C.TOO_INACCURATE):
-            last_ratio, ratio = (known if known >= 0 else None for known in p.control.ratios)
+            last_ratio, ratio = (known if known >= 0 else None for known in p.work.control.ratios)
         return StepsResult(
             *(state, count, last_ratio if count > 1 else None, ratio),
             failed=failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
@@ -131,11 +131,11 @@ class CompiledLoop:
 
     def interval(self, dt: float) -> Interval:
         """Interval of the sub-step of this length [s] that C takes."""
-        t = self.problem.c.state.t
+        t = self.problem.c.work.state.t
         return Interval(t, t + dt, dt)
 
     def find_by(self, find: Callable[[float, Any], int]) -> None:
-        """Find increments of sub-steps by a function, ``find`` of c/problem.h."""
+        """Find increments of sub-steps by a function, ``find`` of c/work.h."""
         keep = weakref.ref(self)
 
         def fail(kind: type, error: BaseException, trace: object) -> None:
@@ -143,7 +143,7 @@ class CompiledLoop:
             if loop is not None:
                 loop._error = error
 
-        ffi, newton = self.problem.ffi, self.problem.c.newton
+        ffi, newton = self.problem.ffi, self.problem.c.work.newton
         kind, failed = ffi.typeof(newton.find), self.problem.library.NO_CONVERGENCE
         newton.find = self._find = ffi.callback(kind, find, error=failed, onerror=fail)
 
@@ -162,11 +162,11 @@ class CompiledLoop:
                 count, steps.dt, record.parts, record.part, c_inputs, rest, times[total:]
             )
             record.tape = tape.begin(taken)
-            now, limits = self.problem.c.state.t, steps.limits(self.problem)
+            now, limits = self.problem.c.work.state.t, steps.limits(self.problem)
             done = self._steps(count, now, steps.dt, c_inputs, record, limits)
             tape.end(done)
             total, record.part = total + done, record.part + done
-            if done < count or self.problem.c.control.stopped:
+            if done < count or self.problem.c.work.control.stopped:
                 break
         return total
 
@@ -195,7 +195,7 @@ class CompiledLoop:
             inverted = counts.inverted, counts.inverted_t, self.problem.inverted_q
             count_inverted(self.model, stats, *inverted)
         last = counts.by_round_off
-        converged = counts.taken * self.problem.c.scheme.sub_steps - last
+        converged = counts.taken * self.problem.c.tables.scheme.sub_steps - last
         for name, count in (("increment", converged), ("round-off", last)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
@@ -227,7 +227,7 @@ class Steps(NamedTuple):
 
     def limits(self, problem: Problem) -> Any:
         """The struct ``Limits``: when C ends them, as their errors or switches tell."""
-        watches, control = self.watch and problem.c.control.switches > 0, self.control
+        watches, control = self.watch and problem.c.work.control.switches > 0, self.control
         if control is None:
             return problem.ffi.new("Limits *", [0, watches]) if watches else problem.ffi.NULL
         limits = *control.factors(self.dt), *control.band(self.dt)

@@ -257,7 +257,7 @@ def _eliminated(
         sizes["part_start"] = library.SUBTREES + 1
     layout = {name: taken(getattr(r, name), size) for name, size in sizes.items()}
     stored = int(layout["start"][-1])
-    counts = {"unknowns": n, "groups": count, "parts": parts, "part_start": None}
+    counts = {"unknowns": n, "groups": count, "parts": parts}
     counts["symmetric"] = symmetric
     return Factors(taken(search.order, n), positions, stored, 0, counts | layout)
 

@@ -17,7 +17,7 @@ _MOST = 32
 
 
 def part_tables(model: Model) -> dict[str, Any]:
-    """``Parts`` of c/problem.h; none if there is only one.
+    """``Parts`` of c/tables.h; none if there is only one.
 
     Nodes of the same beams are a part, others are one each; unknowns are one if they move nodes of
     the same. Light beams beside heavy ones are judged by themselves, what both share by both.
@@ -35,7 +35,6 @@ def part_tables(model: Model) -> dict[str, Any]:
         **_runs("column", np.array([parts[members] for members in column_members])),
         "inside_start": starts,
         "inside": np.concatenate(inner_parts),
-        "energy": np.zeros(2 * len(parts)),
     }
 
 

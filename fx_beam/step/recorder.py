@@ -311,8 +311,8 @@ class RecordsInC:
     """The structs ``Record`` of recorders, to which C writes rows of its state."""
 
     def __init__(self, problem: Problem):
-        self._ffi, self._state = problem.ffi, problem.c.state
-        self._sub_steps = problem.c.scheme.sub_steps
+        self._ffi, self._state = problem.ffi, problem.c.work.state
+        self._sub_steps = problem.c.tables.scheme.sub_steps
         #: By recorders, each with the recorder's plan and its arrays of rows.
         self._records: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
 

@@ -35,8 +35,8 @@ class CompiledSingleSteps:
     def _build_inputs(self) -> None:
         """Arrays of the loads and driven motions of a step, with views for those that are held."""
         model, p = self._loop.model, self._p
-        forcing, steps = self._loop.forcing, p.scheme.sub_steps
-        shapes = [(2, p.loads.count), (p.driven,), (len(model.points.followers), 2)]
+        forcing, steps = self._loop.forcing, p.tables.scheme.sub_steps
+        shapes = [(2, p.tables.loads.count), (p.tables.driven,), (len(model.points.followers), 2)]
         shapes += [(2, len(model.forms.parameters)), (len(model.data.natural.starts) - 1,)]
         arrays = [np.zeros((steps, *shape)) for shape in shapes]
         loads, driven, follower_force, parameters, natural = arrays
@@ -93,7 +93,7 @@ class CompiledSingleSteps:
             self._plan = None, -1  # parts of this step have the same record of C
             self._loop.check()
             return False
-        if p.counts.inverted:
+        if p.work.counts.inverted:
             self._loop.count()  # which warns
         return True
 
@@ -111,7 +111,7 @@ class CompiledSingleSteps:
     def _evaluate(self, t0: float, grid: Callable[..., np.ndarray], number: int) -> None:
         """Evaluate the functions of time for a step and its number; for some steps at once."""
         known, first = self._known
-        if (number - first) * self._p.scheme.sub_steps >= len(known.driven):
+        if (number - first) * self._p.tables.scheme.sub_steps >= len(known.driven):
             ends = grid(number + np.arange(_BLOCK))
             known, first = self._loop.inputs_ahead(t0, ends), number
             is_due = not (isinstance(known.error, StepError) and len(known.driven))
@@ -122,7 +122,9 @@ class CompiledSingleSteps:
 
     def _fill(self, inputs: StepInputs, step: int) -> None:
         """Copy the inputs of the sub-steps of one step."""
-        sub_steps = slice(step * self._p.scheme.sub_steps, (step + 1) * self._p.scheme.sub_steps)
+        sub_steps = slice(
+            step * self._p.tables.scheme.sub_steps, (step + 1) * self._p.tables.scheme.sub_steps
+        )
         for target, source in zip(self._inputs[:5], inputs[:5], strict=True):
             if source.size:
                 target[...] = source[sub_steps].reshape(target.shape)

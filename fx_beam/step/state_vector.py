@@ -64,7 +64,7 @@ class StateVector:
         state_arrays = {name: arrays[name] for name in sizes}
         #: The state that is in the memory; None where steps, or others, have changed it since.
         self.present: State | None = None
-        #: Members of the structs in C.
+        #: Members of ``Work`` of c/work.h.
         self.members: dict[str, dict[str, object]] = {
             "state": {"memory": self.memory, "size": len(self.memory), **state_arrays},
             "predictor": {name: arrays[name] for name in past},
@@ -85,8 +85,8 @@ class StateVector:
         self._driven = arrays["driven_now"]
         self._ages = arrays["ages"], arrays["error_ages"]
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.
-        first, stop = (ffi.offsetof(ffi.typeof(c).item, name) for name in ("state", "run"))
-        self._numbers = ffi.buffer(ffi.addressof(c, "state"), stop - first)
+        first, stop = (ffi.offsetof("Work", name) for name in ("state", "run"))
+        self._numbers = ffi.buffer(ffi.addressof(c.work, "state"), stop - first)
         # Ages, and divided differences of nodes (PAST, size) and of unknowns (PAST, free or 0).
         past, n = arrays["past"].reshape(self._most, -1), model.size
         self._past = arrays["ages"], past[:, :n], past[:, n:]
@@ -110,18 +110,18 @@ class StateVector:
             for name, zeros in self._blank.items()
         ]
         np.concatenate(arrays, axis=None, out=self._begin)
-        if p.scheme.keeps_previous and state.q_previous is None:
+        if p.tables.scheme.keeps_previous and state.q_previous is None:
             self.arrays["q_previous"][:] = state.q
         if len(state.motors):
             self._driven[len(self._model.prescribed) :] = state.motors
-        p.state.steps_done = state.constraint_forces is not None
-        p.state.forces_found = state.joint_forces is not None
+        p.work.state.steps_done = state.constraint_forces is not None
+        p.work.state.forces_found = state.joint_forces is not None
         for name in NUMBERS:
-            setattr(p.state, name, values[name])
+            setattr(p.work.state, name, values[name])
 
     def read(self, t: float) -> State:
         """A copy of the state, at the time t [s]."""
-        numbers = self._c.state
+        numbers = self._c.work.state
         names = self._readable[(numbers.steps_done > 0) * (1 + bool(numbers.forces_found))]
         values: dict[str, object] = {name: self.arrays[name].copy() for name in names}
         for name in NUMBERS:
@@ -133,15 +133,15 @@ class StateVector:
     def past(self) -> Past:
         """The last configurations, from which the next increment is predicted."""
         p, model = self._c, self._model
-        known = min(p.predictor.known, len(self._past[1]))
+        known = min(p.work.predictor.known, len(self._past[1]))
         ages, differences, y = (values[:known].copy() for values in self._past)
         slides = model.couplings.free_slides(y, model.scene.joint_count)
-        orders = np.array(list(p.predictor.orders[0 : p.scheme.sub_steps]))
+        orders = np.array(list(p.work.predictor.orders[0 : p.tables.scheme.sub_steps]))
         return Past(ages, orders, differences, slides)
 
     @past.setter
     def past(self, past: Past | None) -> None:
-        predictor, parts = self._c.predictor, self._c.scheme.sub_steps
+        predictor, parts = self._c.work.predictor, self._c.tables.scheme.sub_steps
         if past is None:  # nothing is predicted in the next step
             predictor.known, predictor.orders[0:parts] = 0, [0] * parts
             return
@@ -155,14 +155,14 @@ class StateVector:
 
     def forget_errors(self) -> None:
         """Do not compare the next steps with those before."""
-        control = self._c.control
+        control = self._c.work.control
         control.scheme_order, _ = order_and_constant(self._model.scheme)
         control.known, control.ratios = 0, [-1.0, -1.0]
 
     def copy(self) -> StateCopy:
         """A copy of all, for `restore`."""
         # Local errors, behind all else, are not known where steps are not controlled.
-        stop = None if self._c.control.known else self.places["error_ages"].start
+        stop = None if self._c.work.control.known else self.places["error_ages"].start
         return self.memory[:stop].copy(), bytes(self._numbers)
 
     @contextmanager

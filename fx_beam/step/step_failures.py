@@ -90,13 +90,13 @@ class StepFailures:
         """Of the last step in C, from a state."""
         p, C, reduction = problem.c, problem.library, self.model.reduction
         D = next(problem.results(D=self.model.size)).copy()
-        last = range(max(0, p.newton.tried - C.CORRECTIONS), p.newton.tried)
-        corrections = [p.newton.corrections[i % C.CORRECTIONS] for i in last]
+        last = range(max(0, p.work.newton.tried - C.CORRECTIONS), p.work.newton.tried)
+        corrections = [p.work.newton.corrections[i % C.CORRECTIONS] for i in last]
         reduction.begin(state.q, state.slides)  # which says whether it is singular
-        if p.run.failure == C.SLID_TOO_FAR:
-            arcs = [(s.s0, s.s1) for s in (p.sliders.slider[i] for i in range(p.sliders.count))]
+        if p.work.run.failure == C.SLID_TOO_FAR:
+            arcs = [(s.s0, s.s1) for s in (p.work.slider[i] for i in range(p.tables.sliders.count))]
             return StepFailed(*(reduction.fault(arcs) or ("", "")), D, corrections)
-        if p.run.failure == C.OUT_OF_LINE:
+        if p.work.run.failure == C.OUT_OF_LINE:
             return StepFailed("singular", reduction.singularity, 0 * D)
         turn, nowhere = abs(D[self.model.mesh.turns]).max(), np.full(len(D), np.nan)
         reasons = {
@@ -108,8 +108,8 @@ class StepFailures:
             C.UNMET_FRICTION: ("no convergence", _UNMET, D),
             C.AMPLIFIED: ("damping", _AMPLIFIED, D),
         }
-        if p.run.failure in reasons:
-            return StepFailed(*reasons[p.run.failure], corrections)
+        if p.work.run.failure in reasons:
+            return StepFailed(*reasons[p.work.run.failure], corrections)
         return self.unconverged(D, corrections)
 
     def error(

@@ -83,7 +83,7 @@ def no_inputs(parts: int, steps: int = 0) -> StepInputs:
 
 def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -> StepInputs:
     """Inputs of steps from t to `times` [s]; if a function of time fails, of those before."""
-    p, model = problem.c, forcing.model
+    p, model = problem.c.tables, forcing.model
     inputs = no_inputs(p.scheme.sub_steps, len(times))
     acts = p.loads.count or p.driven or p.loads.follower_forces
     if not (acts or p.parameters.vary or p.natural.count):

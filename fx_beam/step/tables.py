@@ -35,19 +35,6 @@ if TYPE_CHECKING:
 
 # Forms of the equations.
 _OF_EQUATIONS = "internal_forces", "drag"
-# Pointers of structs in Problem that not every scene and run needs.
-_NOT_ALWAYS = {
-    "internal": ("per_weight",),
-    "loads": ("weight",),
-    "system": (
-        *("rows", "tangent_start", "tangent_column", "factor_at", "changing"),
-        *("row_of", "unknown_of"),
-    ),
-    "at_points": ("stored_at", "slide_rate"),
-    "scheme": ("rule_stored_at", "nodal_rule"),
-    "statics": ("hold", "hold_dof", "viscous_weight", "diagonal_at"),
-    "newton": ("find", "predicted"),
-}
 
 
 def _return_freed_memory() -> None:
@@ -69,7 +56,7 @@ class SceneNumbers:
         #: The numbers of the model that this has.
         self.data, self._X = model.data, model.mesh.X
         numbers = self._numbers(masses=True) | self._positions()
-        #: Arrays by group and member, with a dot between.
+        #: Arrays by name.
         self.own = {name: np.array(values, float) for name, values in numbers.items()}
 
     def in_block(self, block: Block, model: Model) -> SceneNumbers:
@@ -93,34 +80,34 @@ class SceneNumbers:
         return model.mesh.coordinates if moved else None
 
     def _positions(self) -> dict[str, np.ndarray]:
-        """The numbers that change where nodes move, by the names in c/problem.h."""
+        """The numbers that change where nodes move, by the names in c/numbers.h."""
         return {
-            "mesh.position": self._model.mesh.X,
-            "mesh.per_unit": 1 / self._model.units.nodes,
-            "mesh.per_error": 1 / self._model.units.errors(self._model.scene),
+            "position": self._model.mesh.X,
+            "per_unit": 1 / self._model.units.nodes,
+            "per_error": 1 / self._model.units.errors(self._model.scene),
         }
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
         model, kind = self._model, self._storage.kind
         offset, axis = model.reduction.joints.arms
-        numbers = {"joints.offset": offset, "joints.axis": axis}
-        numbers["loads.force"] = floats(model.data.loads.entries)
+        numbers = {"offset": offset, "axis": axis}
+        numbers["load_force"] = floats(model.data.loads.entries)
         if masses:
             values, turning = 0, 0 if kind.turns else 1  # centrifugal forces have no moments
             if len(self._storage.mass_entries):
                 values = model.masses.matrix.data[self._storage.mass_entries] * [1, 1, turning]
-            numbers["mass.value"] = np.append(kind.inertia * values, 0.0)
+            numbers["mass"] = np.append(kind.inertia * values, 0.0)
         if kind.rates:
             from .inertia import little_mass
 
             matrix, units = model.masses.matrix, model.units.nodes
             little = little_mass(matrix, units, model.scene, model.mesh)
-            numbers["statics.viscous_weight"] = little
+            numbers["viscous_weight"] = little
         if model.masses.weight is not None:
-            numbers["loads.weight"] = model.masses.weight
+            numbers["weight"] = model.masses.weight
         if model.data.natural:
-            numbers["natural.value"] = floats(model.data.natural.entries)
+            numbers["natural"] = floats(model.data.natural.entries)
         return numbers
 
 
@@ -143,52 +130,50 @@ class Problem:
         #: Sets members of structs.
         self.structs = Structs(self.ffi)
         self.c = self.ffi.new("Problem *")
-        self.set(**{group: dict.fromkeys(names) for group, names in _NOT_ALWAYS.items()})
+        self.structs.set(self.c, tables=[{}])
         storage.hand_over(self)
         self.tables = None
         self._set_mesh()
-        self.set(forms={"has_added": model.forms.has_added}, scheme=_scheme(storage))
+        self.set(tables={"has_added": model.forms.has_added, "scheme": _scheme(storage)})
         assert self.constants.SUB_STEPS == MOST_SUB_STEPS
         if kind.rates:
             diagonal_at = storage.stored_at[model.masses.places.diagonal]
-            self.set(points=[{}], statics={"diagonal_at": diagonal_at})
+            self.set(numbers={"points": [{}]}, work={"statics": {"diagonal_at": diagonal_at}})
         else:
             self.set(**_points(storage))
         sizes = fact(model, sizes_of)  # the scene may have more by now
-        self.set(motors=_motors(model), at_points={"lines": sizes["lines"]})
+        self.set(tables={"motors": _motors(model), "at_points": {"lines": sizes["lines"]}})
         if sizes["joints"]:  # also of joints that were removed
-            self.set(passes=_passes(model))
-        self.set(
-            newton={
-                **vars(kind.newton),
-                "negligible": NEGLIGIBLE * kind.newton.tolerance,
-                "energy_floor": ENERGY_FLOOR,
-                "longest_turn": LONGEST_TURN,
-                "large_turn": LARGE_TURN,
-            }
-        )
+            self.set(tables={"passes": _passes(model)})
+        newton = {
+            **vars(kind.newton),
+            "negligible": NEGLIGIBLE * kind.newton.tolerance,
+            "energy_floor": ENERGY_FLOOR,
+            "longest_turn": LONGEST_TURN,
+            "large_turn": LARGE_TURN,
+        }
+        self.set(tables={"newton": newton})
         beam_nodes = model.mesh.nodes
         if len(beam_nodes) != 1 or len(beam_nodes[0]) < len(model.mesh.X):  # else all is one part
             from .parts import part_tables
 
-            self.set(parts=part_tables(model))
+            parts = part_tables(model)
+            room = np.zeros(2 * parts.get("count", 0))
+            self.set(tables={"parts": parts}, work={"part_energy": room})
         #: Numbers of the scene, but for those of forms and points.
         self.numbers = SceneNumbers(storage)
-        for name, values in self.numbers.own.items():
-            group, member = name.split(".")
-            self.set(**{group: {member: values}})
+        self.set(numbers=self.numbers.own)
         #: The state, its past and its local errors.
         self.state = StateVector(model, self.c, self.ffi, self.library)
-        self.set(**self.state.members)
+        self.set(work=self.state.members)
         switches = sum(model.points.switch_counts)
         #: First configuration with inverted sections; switches at both ends of a sub-step.
         self.inverted_q, self.sides = np.zeros(model.size), np.zeros((2, switches))
-        self.set(inverted={"q": self.inverted_q})
-        self.set(control={"switches": switches, "sides": self.sides})
-        #: Work space of C.
-        self.scratch = aligned_zeros(self.library.fx_scratch(self.c))
-        self.set(run={"scratch": self.scratch})
-        self.structs.check(self.c)
+        control = {"switches": switches, "sides": self.sides}
+        self.set(work={"inverted": {"q": self.inverted_q}, "control": control})
+        #: Memory of the arrays of C's Work.
+        self.scratch = aligned_zeros(self.library.fx_lay_out(self.c, self.ffi.NULL))
+        self.library.fx_lay_out(self.c, self.ffi.from_buffer("double[]", self.scratch))
         if storage.is_large:
             _return_freed_memory()
 
@@ -200,21 +185,19 @@ class Problem:
         if self.tables is not None:
             own_structs, own_arrays = self.tables.memory
             structs, arrays = structs + own_structs, arrays + own_arrays
-        if changing := c.system.changing:
+        p, w = c.tables, c.work
+        if changing := w.factors.changing:
             structs.append(ffi.cast("ChangingRows(*)[1]", changing)[0])  # with its rows
-            sizes = c.system.positions, storage.entries, len(self.model.couplings.sliding)
-            places = c.system.order, c.system.factor_at, changing.window
+            sizes = p.system.positions, storage.entries, len(self.model.couplings.sliding)
+            places = w.factors.order, w.factors.at, changing.window
             arrays += [array_at(ffi, *x) for x in zip(places, sizes, strict=True)]
-        elif c.system.rows:
-            structs.append(ffi.cast("SparseRows *", c.system.rows))
-        if c.sliders.count:
-            structs.append(ffi.cast(f"Slider(*)[{c.sliders.count}]", c.sliders.slider)[0])
-        if c.parts.count:
-            arrays.append(array_at(ffi, c.parts.energy, 2 * c.parts.count))
-        if c.at_points.slide_rate:
-            arrays.append(array_at(ffi, c.at_points.slide_rate, self.model.scene.joint_count))
-        if c.loops.closures:
-            arrays.append(array_at(ffi, c.loops.following, c.loops.closures))
+        elif w.factors.rows:
+            structs.append(ffi.cast("SparseRows *", w.factors.rows))
+        if p.sliders.count:
+            structs.append(ffi.cast(f"Slider(*)[{p.sliders.count}]", w.slider)[0])
+        own = {"part_energy": 2 * p.parts.count, "following": p.loops.closures}
+        own["slide_rate"] = self.model.scene.joint_count if w.slide_rate else 0
+        arrays += [array_at(ffi, getattr(w, name), n) for name, n in own.items()]
         return structs, arrays, [self.scratch, self.inverted_q, self.sides, storage.sparse_factors]
 
     def places(self, plan: BlockPlan) -> dict[str, tuple[np.ndarray, np.ndarray]] | None:
@@ -231,9 +214,11 @@ class Problem:
         other.storage = shallow_copy(self.storage)
         other.storage.model = model
         other.storage.sparse_factors = view(self.storage.sparse_factors)
-        if c.system.changing:
-            free, rows = self.library.fx_free_rows, c.system.changing  # in memory that `c` has
-            other.storage._rows = self.ffi.gc(rows, lambda rows, _=c: free(rows))
+        if changing := c.work.factors.changing:
+            free = self.library.fx_free_rows
+            other.storage._rows = self.ffi.gc(
+                changing, lambda rows, _=c: free(rows)
+            )  # it is in `c`
         other.scratch, other.sides = view(self.scratch), view(self.sides)
         other.inverted_q = view(self.inverted_q)
         other.state = self.state.in_block(model, c, self.ffi, view(self.state.memory))
@@ -244,8 +229,8 @@ class Problem:
 
     def restart(self) -> None:
         """Begin anew, with the numbers that the model has now."""
-        if self.c.system.changing:
-            self.library.fx_free_rows(self.c.system.changing)
+        if changing := self.c.work.factors.changing:
+            self.library.fx_free_rows(changing)
         self.block.reset()
         self.state.present = None
         self._write()
@@ -284,7 +269,7 @@ class Problem:
         return load_library(self.storage.features, way)[1]
 
     def set(self, **values: object) -> None:
-        """Set members of the struct by name, as `Structs.set`."""
+        """Set `tables`, `numbers` and `work` of the struct by name, as `Structs.set`."""
         self.structs.set(self.c, **values)
 
     @property
@@ -299,20 +284,19 @@ class Problem:
         cells, cell_dofs = mesh.unknowns.dofs.shape
         at_rest = model.scheme.rates.at_rest
         massless = np.empty(0, int) if at_rest else np.flatnonzero(fact(model, massless_dofs))
+        tables: dict[str, object] = {}
         if natural := model.data.natural:
-            self.set(
-                natural={
-                    "per_cell": int(np.prod(natural.shape[1:])),
-                    "count": len(natural.starts) - 1,
-                    "start": natural.starts,
-                    "at": natural.rows,
-                }
-            )
+            tables["natural"] = {
+                "per_cell": int(np.prod(natural.shape[1:])),
+                "count": len(natural.starts) - 1,
+                "start": natural.starts,
+                "at": natural.rows,
+            }
         loads = model.data.loads
         cell_size = 0 if kind.rates else int(np.prod(model.forms.internal_shape[1:]))
-        self.set(
-            cells=cells,
-            mesh={
+        tables |= {
+            "cells": cells,
+            "mesh": {
                 "nodes": len(mesh.X),
                 "cell_dofs": cell_dofs,
                 "cell_coordinates": 2 * mesh.coordinates.shape[1] // 3,
@@ -320,38 +304,38 @@ class Problem:
                 "massless": massless,
                 "threads": storage.threads,
             },
-            internal={"per_cell": cell_size},
-            tangent={"row_start": K.indptr, "column_of": K.indices, "stored_at": stored_at},
-            loads={
+            "internal": {"per_cell": cell_size},
+            "tangent": {"row_start": K.indptr, "column_of": K.indices, "stored_at": stored_at},
+            "loads": {
                 "count": len(loads.starts) - 1,
                 "start": loads.starts,
                 "dof": loads.rows,
                 "follower_forces": 0 if kind.rates else len(model.points.followers),
             },
-        )
+        }
+        self.set(tables=tables)
         if (beams := model.forms.beams) is not None and not kind.rates:
             self.tables = FormTables(self)
             forms = self.tables.all(_OF_EQUATIONS if kind.forces_only else FORMS)
-            self.set(forms=forms)
+            self.set(numbers={"forms": forms})
             if cell_size:
                 weights = gauss_rule(beams.kind.degree)[1]
                 inverse_weights = np.repeat(1 / weights, beams.internal_shape[-1])
-                self.set(internal={"per_weight": inverse_weights})
+                self.set(tables={"internal": {"per_weight": inverse_weights}})
 
     def keep_joint_forces(self) -> None:
         """Find forces of joints in each step, whether it is recorded or not."""
-        self.c.run.keeps_joint_forces = True
+        self.c.work.run.keeps_joint_forces = True
 
     def set_frame(self, frame: TurningFrame | None) -> None:
         """Let C read a frame that turns, or None."""
         if frame is not None:
             arm = frame.arms(np.zeros(self.model.size))
-            self.set(frame={"arm": arm, "spin_squared": frame.spin**2})
+            self.set(numbers={"frame": {"arm": arm, "spin_squared": frame.spin**2}})
 
     def results(self, **sizes: int) -> Iterator[np.ndarray]:
-        """Results of C in the last step: members of ``Results`` of c/problem.h, with sizes."""
-        step_results = self.library.fx_results(self.c)
-        return (array_at(self.ffi, getattr(step_results, name), n) for name, n in sizes.items())
+        """Arrays of C's Work in the last step, by the names in c/work.h, with sizes."""
+        return (array_at(self.ffi, getattr(self.c.work, name), n) for name, n in sizes.items())
 
     def given(self) -> Iterator[np.ndarray]:
         """Inputs of a step set here: dead forces at its level, their mean, strains at the end."""
@@ -359,36 +343,36 @@ class Problem:
         return self.results(force=n, dead=n, natural_end=natural.size if natural else 0)
 
 
-def _points(storage: TangentStorage) -> dict[str, object]:
+def _points(storage: TangentStorage) -> dict[str, dict[str, object]]:
     """Forces at points, and parameters, by the names in c/problem.h."""
     model, points, stored_at = storage.model, storage.model.points, storage.stored_at
     point_members: dict[str, object] = {"spring_width": points.width}
     point_members["friction_follows"] = len(points.followed) > 0
-    tables: dict[str, object] = {"at_points": point_members, "points": [{}]}
+    tables: dict[str, object] = {"at_points": point_members}
     tables["newton"] = {"may_overshoot": model.kinks.overshoot}
+    numbers: dict[str, object] = {"points": [{}]}
+    work: dict[str, object] = {}
     if len(parameters := model.forms.parameters):
         tables["parameters"] = {
             "count": len(parameters),
-            "value": parameters.values,
             "vary": parameters.vary,
             "energies_vary": parameters.energies_vary,
         }
+        numbers["parameters"] = parameters.values
     if points.any:
         point_stored_at = np.where(points.value_at >= 0, stored_at[points.value_at], -1)
         # Each force on a slide has one entry, the last ones.
-        places, numbers = storage.slide_forces
-        point_stored_at[len(point_stored_at) - len(points.slides) + numbers] = places
-        tables["points"], point_members["stored_at"] = (
-            model.forms.compiled_points.address,
-            point_stored_at,
-        )
+        places, forces = storage.slide_forces
+        point_stored_at[len(point_stored_at) - len(points.slides) + forces] = places
+        point_members["stored_at"] = point_stored_at
+        numbers["points"] = model.forms.compiled_points.address
         if len(points.slides):
-            point_members["slide_rate"] = np.zeros(model.scene.joint_count)
-    return tables
+            work["slide_rate"] = np.zeros(model.scene.joint_count)
+    return {"tables": tables, "numbers": numbers, "work": work}
 
 
 def _scheme(storage: TangentStorage) -> dict[str, object]:
-    """The scheme, by the names in c/problem.h."""
+    """The scheme, by the names in c/tables.h."""
     model, kind = storage.model, storage.kind
     rates, fractions = model.scheme.rates, model.scheme.fractions
     scheme = {
@@ -406,7 +390,7 @@ def _scheme(storage: TangentStorage) -> dict[str, object]:
 
 
 def _motors(model: Model) -> dict[str, object]:
-    """Driven motions, by the names in c/problem.h."""
+    """Driven motions, by the names in c/tables.h."""
     prescribed, motors = [*model.prescribed], model.data.motors
     return {
         "prescribed": len(prescribed),

@@ -85,70 +85,70 @@ class TangentStorage:
 
     def hand_over(self, problem: Any) -> None:
         """Hand over the couplings, and find the storage index of each entry of both tangents."""
-        p, reduction, factors = problem.c, self.model.reduction, self.factors
+        reduction, factors = self.model.reduction, self.factors
         first_bordering = problem.constants.ON_BORDER
-        problem.set(**reduction.joints.members)
+        problem.set(tables=reduction.joints.members, numbers=reduction.joints.numbers)
         places, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.tangent.pattern
             places, stored = np.arange(len(indices), dtype=np.int32), len(indices)
+            worth = 0 if self.kind.rates else factors.worth
             problem.set(
-                system={
-                    "tangent_start": indptr,
-                    "tangent_column": indices,
-                    "factor_at": factors.at.astype(np.int32),
-                    "reused": {"worth": 0 if self.kind.rates else factors.worth},
-                }
+                tables={"system": {"tangent_start": indptr, "tangent_column": indices}},
+                work={"factors": {"at": factors.at.astype(np.int32), "reused": {"worth": worth}}},
             )
         if self.model.points.members is not None and not self.kind.rates:
             self._set_changing_rows(problem)
         elif factors.rows and not self.inside:
             self.sparse_factors = np.zeros(factors.size + 1)  # one more: see `factors_of`
             own = {"factors": self.sparse_factors, "threads": self.threads}
-            problem.set(system={"rows": [factors.rows | own]})
+            problem.set(work={"factors": {"rows": [factors.rows | own]}})
         if (loops := reduction.loops) is not None:
             diagonal, unit = loops.scales(reduction.tangent.pattern)
             table = {"scales": len(unit), "scale_at": places[diagonal], "scale_unit": unit}
-            problem.set(loops=table)
+            following = np.zeros(len(loops), dtype=int)
+            problem.set(tables={"loops": table}, work={"following": following})
         places, stored, places_of_ones = storage_of(reduction, places, stored)
         tangent = reduction.tangent
         K, alone = self.model.forms.stiffness, alone_in_column(reduction)
         stored_at, place_of_one = storage_of_entries(tangent, K, alone, places, stored)
         stiff = {"stiffness_at": place_of_one + 1, "stiffened": tangent.stiffened}
-        problem.set(tangent={"stored": place_of_one + 2}, coupled=stiff)
+        problem.set(tables={"tangent": {"stored": place_of_one + 2}, "coupled": stiff})
         if reduction.couplings.sliding:
             diagonal_at = stored_at[self.model.masses.places.diagonal]
-            tables = bordering_tables(self.model, places, diagonal_at, first_bordering, self.inside)
-            problem.set(**tables)
+            sliders = _sliders(self.model, reduction.sliders, places, diagonal_at)
+            tables = bordering_tables(self.model, sliders, places, first_bordering, self.inside)
+            problem.set(tables=tables, work={"slider": sliders})
             self.border = tables["border"]
             if self.inside and not self.kind.forces_only:
-                self._set_changing_rows(problem, tables)
+                self._set_changing_rows(problem, sliders)
         order = factors.order
         if self.inside:
-            order = np.arange(len(order) + p.border.rows)
+            order = np.arange(len(order) + problem.c.tables.border.rows)
         padding = np.concatenate(
             [factors.padding, places_of_ones, places[tangent.ones], [place_of_one]]
         )
+        system = {
+            "band": factors.band,
+            "chain": factors.chain,
+            "positions": 3 * factors.chain or len(order),
+            "unknowns": len(factors.order),
+            "paddings": len(padding),
+            "padding": padding,
+        }
+        reacting = {"reacting": np.count_nonzero(~alone), "reacts": np.flatnonzero(~alone)}
         problem.set(
-            system={
-                "band": factors.band,
-                "chain": factors.chain,
-                "positions": 3 * factors.chain or len(order),
-                "order": order.astype(np.int32),
-                "unknowns": len(factors.order),
-                "paddings": len(padding),
-                "padding": padding,
-            },
-            tangent={"reacting": np.count_nonzero(~alone), "reacts": np.flatnonzero(~alone)},
+            tables={"system": system, "tangent": reacting},
+            work={"factors": {"order": order.astype(np.int32)}},
         )
         added = stored_at[tangent.direct["from"]] >= stored
         direct = {key: values[added] for key, values in tangent.direct.items()}
-        stored_from = np.append(stored_at, [place_of_one, p.coupled.stiffness_at])
+        stored_from = np.append(stored_at, [place_of_one, place_of_one + 1])
         products = {"coupled": tangent.coupled, "geometric": tangent.geometric}
         for name, product in {"direct": direct, **products}.items():
             table = {key: stored_from[x] if key == "from" else x for key, x in product.items()}
             table["to"] = places[product["to"]]
-            problem.set(**{name: table | {"count": len(product["to"])}})
+            problem.set(tables={name: table | {"count": len(product["to"])}})
         #: Storage indices of the forces on slides, and which these are.
         self.slide_forces = places[tangent.restoring["to"]], tangent.restoring["of"]
         #: Storage index of each entry of the full tangent.
@@ -167,41 +167,39 @@ class TangentStorage:
         #: Entries (pairs, 3) of the tangent that C has as masses and rotary inertias.
         self.mass_entries = np.ascontiguousarray(blocks.reshape(-1, 9)[:, ::4])
         stored_at = self.stored_at[self.mass_entries]
-        problem.set(mass={"start": starts, "dof": 3 * nodes, "stored_at": stored_at})
+        mass = {"start": starts, "dof": 3 * nodes, "stored_at": stored_at}
+        problem.set(tables={"mass": mass})
         if model.forms.nodal_rules:
-            problem.set(scheme={"rule_stored_at": self.stored_at[blocks]})
+            problem.set(tables={"scheme": {"rule_stored_at": self.stored_at[blocks]}})
 
-    def _set_changing_rows(self, problem: Any, bordering: dict[str, Any] | None = None) -> None:
+    def _set_changing_rows(self, problem: Any, sliders: list[dict[str, Any]] | None = None) -> None:
         """Hand over what a pattern that changes with contact points is found from.
 
-        With tables of `bordering` rows it changes with what slides.
+        With tables of `sliders` it changes with what slides.
         """
         reduction, couplings = self.model.reduction, self.model.couplings
         graph = graph_of(*reduction.tangent.pattern)
         groups = groups_of(graph, reduction.auxiliaries.dependent, reduction.forces)
-        if bordering is not None:
-            groups = with_bordering_rows(groups, bordering)
+        if sliders is not None:
+            groups = with_bordering_rows(groups, self.border, sliders)
         system = *couplings.system, problem.constants.ON_BORDER
         row_of, unknown_of = on_bordering_rows(reduction, *system)
-        unset = dict.fromkeys(("near_to", "order", "work", "position"))
         row = {
-            "elimination": groups | unset,
-            "pair": None,
+            "elimination": groups,
             "window": np.full(len(couplings.sliding), -1),
             "dof_start": couplings.all_entries.starts(self.model.size),
             **couplings.all_entries.members("dof_"),
             "keep": not couplings.closures and not couplings.auxiliaries and not couplings.sliding,
             **{name: getattr(COSTS, name) for name in ("row_entry", "substitution", "least_worth")},
         }
-        if bordering is None:
-            problem.set(system={"row_of": row_of, "unknown_of": unknown_of})
-        problem.set(system={"changing": [row]})
-        problem.c.system.rows = problem.ffi.addressof(
-            problem.c.system.changing[0], "elimination", "rows"
-        )
+        if sliders is None:
+            problem.set(tables={"system": {"row_of": row_of, "unknown_of": unknown_of}})
+        problem.set(work={"factors": {"changing": [row]}})
+        own = problem.c.work.factors
+        own.rows = problem.ffi.addressof(own.changing[0], "elimination", "rows")
         # Freed with this object, before what it points to: C allocates as much as the rows need.
         free, owner = problem.library.fx_free_rows, problem.structs
-        self._rows = problem.ffi.gc(problem.c.system.changing, lambda rows, owner=owner: free(rows))
+        self._rows = problem.ffi.gc(own.changing, lambda rows, owner=owner: free(rows))
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction, order = self.model.reduction, np.arange(len(indptr) - 1)
@@ -226,7 +224,7 @@ class TangentStorage:
     def bordering_entries(self, problem: Any) -> scipy.sparse.coo_matrix:
         """Entries of the last tangent in bordering rows and columns (n + m, n + m), as pairs."""
         ffi, c = problem.ffi, problem.c
-        entries, size = ffi.new("BorderEntries *"), c.system.unknowns + c.border.rows
+        entries, size = ffi.new("BorderEntries *"), c.tables.system.unknowns + c.tables.border.rows
         problem.library.fx_list_border(c, entries)  # counts them
         places, values = np.empty((2, entries.count), np.int32), np.empty(entries.count)
         entries.row, entries.column = (ffi.from_buffer("int[]", part) for part in places)
@@ -248,7 +246,7 @@ class TangentStorage:
         places[turned.data] = self._factors_of(turned.indptr, turned.indices).at
         if not self.factors.band:
             return places
-        stored, own = np.arange(problem.c.tangent.stored), self.tangent_places
+        stored, own = np.arange(problem.c.tables.tangent.stored), self.tangent_places
         stored[own], stored[places] = places, own
         return stored
 
@@ -325,18 +323,16 @@ def on_bordering_rows(
 
 
 def bordering_tables(
-    model: Model, places: np.ndarray, diagonal_at: np.ndarray, first: int, inside: bool
+    model: Model, tables: list[dict[str, Any]], places: np.ndarray, first: int, inside: bool
 ) -> dict[str, Any]:
-    """Tables of sliders, of the border and of its rows, by the names in c/problem.h.
+    """The border and its rows, for `tables` of sliding nodes, by the names in c/tables.h.
 
-    `places` are the storage indices of `storage_of`, `diagonal_at` (size,) of the diagonal of the
-    full tangent. Bordering rows are numbered downwards from `first`; they may be `inside` of the
-    sparse rows.
+    `places` are the storage indices of `storage_of`. Bordering rows are numbered downwards from
+    `first`; they may be `inside` of the sparse rows.
     """
     reduction, sliders = model.reduction, model.reduction.sliders
     rows, columns = on_bordering_rows(reduction, *reduction.couplings.system, first)
     bordering, bordered = sliders.outside, sliders.bordered
-    tables = _sliders(model, sliders, places, diagonal_at)
     sizes = [table["components"] + table["products"] for table in tables]
     carriers = len(bordering) + sum(sizes) + sum(table.get("anchors", 0) for table in tables)
     alone, slides = len(sliders.forces), bordering[bordering < reduction.free]
@@ -351,10 +347,8 @@ def bordering_tables(
         "sliders": {
             "count": len(tables),
             "path_numbers": sum(guide.path.numbers.size for guide in sliders.guides),
-            "slider": tables,
         },
         "border": {
-            "listed": None,
             "rows": carriers + alone,
             "carriers": carriers,
             "block": 0 if inside else -(-(carriers + alone) // _LANES) * _LANES,
@@ -371,17 +365,19 @@ def bordering_tables(
     }
 
 
-def with_bordering_rows(groups: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:
-    """Groups of `groups_of` with those of bordering rows, of which the `tables` are.
+def with_bordering_rows(
+    groups: dict[str, Any], border: dict[str, Any], sliders: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Groups of `groups_of` with those of bordering rows, of a `border` and its sliders.
 
     Slides wait with all others for what holds the nodes on their beams.
     """
-    count, slides = groups["groups"], tables["border"]["bordered"]
-    number, total = np.full(tables["border"]["rows"], -1), count + slides
+    count, slides = groups["groups"], border["bordered"]
+    number, total = np.full(border["rows"], -1), count + slides
     number[:slides] = count + np.arange(slides)
-    for table in tables["sliders"]["slider"]:
+    for table in sliders:
         sizes = [table["components"], table["products"], table.get("anchors", 0)]
-        column_rows = tables["border"]["pivot"][table["bordering_row"] :][: sizes[0]]
+        column_rows = border["pivot"][table["bordering_row"] :][: sizes[0]]
         behind = table["bordering_row"] + np.cumsum([0, *sizes])
         parts = [column_rows, *(np.arange(*ends) for ends in pairwise(behind))]
         for part in parts:

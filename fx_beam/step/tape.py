@@ -154,7 +154,7 @@ class Tape:
     @property
     def widths(self) -> dict[str, int]:
         """Numbers of the arrays of a state in a row, by the names of the derivatives by them."""
-        p = self.problem.c
+        p = self.problem.c.tables
         n, back, internal = p.dofs, p.dofs * p.scheme.keeps_previous, p.cells * p.internal.per_cell
         widths = {"q": n, "v": n, "q previous": back, "slides": p.passes.joints}
         widths |= {"internal": internal, "spring internal": p.at_points.spring_width}
@@ -227,9 +227,9 @@ def repeated(tape: Tape, moves: np.ndarray, lengths: np.ndarray, factors: np.nda
     the same time.
     """
     rows = np.repeat(tape._rows, len(moves), axis=0)
-    rows[:, 0] += tape.problem.c.scheme.level * (rows[:, 1] - lengths)
+    rows[:, 0] += tape.problem.c.tables.scheme.level * (rows[:, 1] - lengths)
     rows[:, 1], rows[:, 2] = lengths, factors
-    first = tape.c.size - tape.problem.c.columns
+    first = tape.c.size - tape.problem.c.tables.columns
     rows[:, first : first + moves.shape[1]] += moves
     tape.write(rows)
     return tape

@@ -61,7 +61,7 @@ class TapeDerivatives:
             from fx_beam.fem.point_values import hand_over_slopes
 
             self._structs.set(self.c, **hand_over_slopes(members, problem.model.points.rule))
-        elif not problem.c.system.changing:
+        elif not problem.c.work.factors.changing:
             self._structs.set(self.c, transposed_at=problem.storage.transposed(problem))
         #: Slides of moving joints in the reference, and the data of which they are.
         self._slide_at_rest = np.zeros(1 + len(problem.model.couplings.arm_joints))
@@ -80,15 +80,15 @@ class TapeDerivatives:
     @property
     def places_depend(self) -> bool:
         """Whether motions of nodes for those of the unknowns depend on the state."""
-        p = self.problem.c
+        p = self.problem.c.tables
         return bool(p.map.count > p.map.equal or p.loops.closures or p.sliders.count)
 
     def constraint_forces(self, tape: Tape) -> np.ndarray:
         """Forces (n, columns) of driven and fixed columns in the n sub-steps on the tape now."""
-        (first, end), problem, p = tape.present, self.problem, self.problem.c
+        (first, end), problem, p = tape.present, self.problem, self.problem.c.tables
         forces = np.zeros((end - first, p.columns - p.free))
         pointer = problem.ffi.from_buffer("double[]", forces if forces.size else np.zeros(1))
-        left = problem.derivatives(self._way).fx_taped_forces(p, tape.c, self.c, pointer)
+        left = problem.derivatives(self._way).fx_taped_forces(problem.c, tape.c, self.c, pointer)
         _check_followed(left, tape, end - left)
         return forces
 
@@ -110,7 +110,7 @@ class TapeDerivatives:
         """
         self.set_slopes("X" in names)
         count, boundaries, layout = len(tape), np.arange(len(tape) + 1), self.layout
-        x, unknown_values = aligned_zeros(layout.size), np.zeros(self.problem.c.free)
+        x, unknown_values = aligned_zeros(layout.size), np.zeros(self.problem.c.tables.free)
         step_rows, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
         structs = Structs(self.problem.ffi)
         arrays = {"x": x, "sizes": np.zeros(count), "step_slopes": never_empty(step_rows)}
@@ -176,7 +176,7 @@ class TapeDerivatives:
     @cached_property
     def numbers(self) -> dict[str, Numbers]:
         """The numbers of the scene by name."""
-        model, p, rows_of = self.problem.model, self.problem.c, self.layout.at
+        model, p, rows_of = self.problem.model, self.problem.c.tables, self.layout.at
         skip = {"Y", "member places", *(work.array for work in self._works)}
         numbers = {name: all_of(rows_of[name]) for name in self.layout.numbers if name not in skip}
         columns, dofs, slide_columns, joints = model.couplings.free_columns
@@ -263,7 +263,7 @@ class TapeDerivatives:
         Sums of those of load steps, with shares (k,), in n `rows` (k,). Both ends of steps have the
         changes of the unknowns (m, free), if these are given.
         """
-        p, count, boundaries = self.problem.c, len(changes["X"]), np.arange(len(tape) + 1)
+        p, count, boundaries = self.problem.c.tables, len(changes["X"]), np.arange(len(tape) + 1)
         x, columns = self.layout.vector(changes, self.numbers, count), self.layout.at["Y"]
         put_columns(x, columns[p.free : p.free + p.driven], changes["driven"].reshape(count, -1).T)
         if unknown_values is not None:
@@ -301,7 +301,9 @@ class TapeDerivatives:
 
     def _with_reversals(self, tape: Tape) -> Structs:
         """Hand over where slip reverses in few steps; returns what keeps it."""
-        moves = len(tape) >= LEAST_STEPS and not (tape.c.apart or self.problem.c.scheme.at_rest)
+        moves = len(tape) >= LEAST_STEPS and not (
+            tape.c.apart or self.problem.c.tables.scheme.at_rest
+        )
         bristles = bristles_of(self.problem.model.points) if moves else []
         histories = histories_of(tape, self.problem, all_places(bristles)) if bristles else _NONE
         rows = reversal_rows(bristles, histories, tape.times.lengths)

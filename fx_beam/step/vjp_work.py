@@ -42,7 +42,7 @@ class VjpWork:
         self._slopes, self._lanes = BeamSlopes(beams), problem.constants.LANES
         #: Its name in C.
         self.name = name.replace(" ", "_")
-        nodal = dict.fromkeys(("increment", "start"), problem.c.mesh.cell_dofs)
+        nodal = dict.fromkeys(("increment", "start"), problem.c.tables.mesh.cell_dofs)
         self._sizes = nodal | self._slopes.sizes(name)
         self._local = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
         self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, Members]] = {}

@@ -33,7 +33,7 @@ def test_factors_and_work_space_of_many_joints_are_linear(kind, error, monkeypat
 
     def sizes(n):
         fb.simulate(kind(n)[0], dt=1e-3, t_end=2e-3)
-        rows = loops[-1].problem.c.system.rows
+        rows = loops[-1].problem.c.work.factors.rows
         return [rows.start[rows.unknowns], len(loops[-1].problem.scratch)]
 
     small, large = sizes(16), sizes(64)

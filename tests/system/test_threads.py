@@ -103,7 +103,7 @@ def test_modes_are_counted_by_factors_that_serve_load_steps(large, problems, mon
     monkeypatch.setattr(SmallMotions, "growing", None)  # others are not made
     stable = fb.static(lattice(), load_steps=4)
     assert not stable.unstable_modes.any()
-    reused = problems[0].c.system.reused
+    reused = problems[0].c.work.factors.reused
     assert reused.present
     assert reused.all == reused.steps == 0  # they are those of the last tangent
 
@@ -116,7 +116,7 @@ def test_a_narrow_copy_of_factors_serves_where_it_resolves_the_matrix(
     shared = fb.static(lattice(EI), load_steps=1).q[-1]
     monkeypatch.setattr(tangent_storage, "LARGE", 10**9)
     alone = fb.static(lattice(EI), load_steps=1).q[-1]
-    narrow, wide = (problem.c.system.reused for problem in problems)
+    narrow, wide = (problem.c.work.factors.reused for problem in problems)
     assert (narrow.narrow, wide.narrow) == (serves, 0)
     assert narrow.made <= 2 * wide.made
     assert abs(shared - alone).max() <= 1e-6 * abs(alone).max()

@@ -4,7 +4,7 @@
 
 #include <string.h>
 #include "vectors.h"
-#include "work.h"
+#include "room.h"
 
 /* Multiplies a vector by a factor; by zero also if it is not finite. */
 HOT void scale(long n, double factor, double *x) {
@@ -40,10 +40,10 @@ HOT double largest(int n, const double *x, const double *per_unit) {
 }
 
 /* Product of the mass matrix and x. With a tangent K, the matrix times `steep` and the slopes of its columns is stored there. */
-INLINED void multiply_mass(const Problem *p, const double *restrict x, double *restrict out, double *K, double steep,
-                           const double *restrict slope) {
+INLINED void multiply_mass(const Tables *p, const Numbers *s, const double *restrict x, double *restrict out, double *K,
+                           double steep, const double *restrict slope) {
   const int *end = p->mass.start + 1, *dof = p->mass.dof, *at = p->mass.stored_at;
-  const double *mass = p->mass.value;
+  const double *mass = s->mass;
   for (int i = 0; i < p->mesh.nodes; ++i, out += 3) {
     Four sum = {0};
     for (const int *last = p->mass.dof + end[i]; dof < last; ++dof, mass += 3, at += 3) {
@@ -57,14 +57,14 @@ INLINED void multiply_mass(const Problem *p, const double *restrict x, double *r
   }
 }
 
-HOT void times_mass(const Problem *p, const double *x, double *out) { multiply_mass(p, x, out, 0, 0, 0); }
+HOT void times_mass(const Tables *p, const Numbers *s, const double *x, double *out) { multiply_mass(p, s, x, out, 0, 0, 0); }
 
 /* Product of a row of the full tangent, or with `sizes` of the sizes of its entries, and a vector. */
-static double row_times(const Problem *p, const double *tangent, int row, int sizes, const double *x) {
+static double row_times(const Tangent *tangent, const double *K, int row, int sizes, const double *x) {
   double sum = 0;
-  for (int k = p->tangent.row_start[row]; k < p->tangent.row_start[row + 1]; ++k) {
-    double entry = tangent[p->tangent.stored_at[k]];
-    sum += (sizes ? fabs(entry) : entry) * x[p->tangent.column_of[k]];
+  for (int k = tangent->row_start[row]; k < tangent->row_start[row + 1]; ++k) {
+    double entry = K[tangent->stored_at[k]];
+    sum += (sizes ? fabs(entry) : entry) * x[tangent->column_of[k]];
   }
   return sum;
 }

@@ -27,52 +27,52 @@ INLINED void pack_nodes(int nodes, const double *x, const int *at, double *to) {
 }
 
 /* Each block of LANES elements of a form. */
-#define EACH_BLOCK(integral, block, form)                                                                \
-  for (const Integral *integral = (form)->of; integral < (form)->of + (form)->integrals; ++integral)     \
-    for (long block = 0; block * LANES < integral->cells; ++block)
+#define EACH_BLOCK(elements, block, form)                                                                    \
+  for (const Cells *elements = (form)->cells; elements < (form)->cells + (form)->integrals; ++elements)      \
+    for (long block = 0; block * LANES < elements->of->cells; ++block)
 
 /* The coefficients of a block of elements, [coefficient][lane]. */
-HOT void pack(const Problem *p, const Work *w, const Form *form, const Integral *integral, long block, double *coefficients) {
-  const double *data = integral->data + (long)integral->data_at[block] * form->data_width * LANES;
+HOT void pack(const Tables *p, const Work *w, const FormTables *form, const Cells *cells, long block, double *coefficients) {
+  const double *data = cells->data + (long)cells->data_at[block] * form->data_width * LANES;
   for (int k = 0; k < form->data_width; ++k, data += LANES)
     *(Lanes *)(coefficients + form->data_column[k] * LANES) = *(const Lanes *)data;
   for (int m = 0; m < form->moving; ++m) {
     int kind = form->kind[m], nodes = p->mesh.cell_dofs / 3;
     int entries = kind == INTERNAL ? p->internal.per_cell : p->natural.per_cell;
     double *to = coefficients + form->offset[m] * LANES;
-    const int *at = (kind == INTERNAL ? integral->internal : integral->natural) + block * entries * LANES;
-    if (kind < INTERNAL) pack_nodes(nodes, w->fields[kind], integral->dofs + block * nodes * LANES, to);
+    const int *at = (kind == INTERNAL ? cells->of->internal : cells->of->natural) + block * entries * LANES;
+    if (kind < INTERNAL) pack_nodes(nodes, w->fields[kind], cells->of->dofs + block * nodes * LANES, to);
     else
       for (int j = 0; j < entries * LANES; j += LANES) *(Lanes *)(to + j) = lanes_of(w->fields[kind], at + j);
   }
 }
 
 /* Length of a sub-step relative to the step before, at most 1; 0 without one. */
-static double ratio_of_lengths(const Problem *p, double dt) {
-  return p->state.length > 0 ? fmin(1, dt / p->state.length) : 0;
+static double ratio_of_lengths(const State *state, double dt) {
+  return state->length > 0 ? fmin(1, dt / state->length) : 0;
 }
 
 /* Apart from what each step passes, of which the compiler would make a loop with vectors. */
-static __attribute__((noinline)) void set_parameters(const Problem *p, const Form *form) {
-  for (int i = 0; i < form->parameters; ++i)
-    form->constants[form->parameters_at + i] = p->parameters.value[form->parameter[i]];
+static __attribute__((noinline)) void set_parameters(const Numbers *s, const Form *form) {
+  const FormTables *t = form->tables;
+  for (int i = 0; i < t->parameters; ++i) form->constants[t->parameters_at + i] = s->parameters[t->parameter[i]];
 }
 
 /* Sets the time and all else that elements have in common. */
-static void begin_form(const Problem *p, const Work *w, const Form *form, double t) {
+static void begin_form(const Numbers *s, const Work *w, const Form *form, double t) {
   if (!form->integrals) return;
-  if (form->time_at >= 0) form->constants[form->time_at] = t;
-  if (form->dt_at >= 0) form->constants[form->dt_at] = w->dt;
-  if (form->memory_at >= 0) form->constants[form->memory_at] = p->state.ratio;
-  if (form->parameters) set_parameters(p, form);
+  if (form->tables->time_at >= 0) form->constants[form->tables->time_at] = t;
+  if (form->tables->dt_at >= 0) form->constants[form->tables->dt_at] = w->dt;
+  if (form->tables->memory_at >= 0) form->constants[form->tables->memory_at] = w->state.ratio;
+  if (form->tables->parameters) set_parameters(s, form);
 }
 
 /* Begins the forms of forces of elements, at the level of a sub-step. */
-static void begin_elements(const Problem *p, const Work *w) {
-  double t = p->state.t + p->scheme.level * w->dt;
-  begin_form(p, w, &p->forms.internal_forces, t);
-  begin_form(p, w, &p->forms.drag, t);
-  begin_form(p, w, &p->forms.added, t);
+static void begin_elements(const Scheme *scheme, const Numbers *s, const Work *w) {
+  double t = w->state.t + scheme->level * w->dt;
+  begin_form(s, w, &s->forms.internal_forces, t);
+  begin_form(s, w, &s->forms.drag, t);
+  begin_form(s, w, &s->forms.added, t);
 }
 
 /* Adds the entries of an element tensor, for LANES elements. */
@@ -114,10 +114,10 @@ INLINED void add_to_chain(int n, const Integral *integral, long block, const dou
     K[integral->single_to[k]] += tensors[integral->single_from[k]];
 }
 
-static void evaluate(const Problem *p, const Work *w, const Form *form, const Integral *integral, long block, double *tensors) {
-  double coefficients[(form->width + 1) * LANES] __attribute__((aligned(64)));
-  pack(p, w, form, integral, block, coefficients);
-  integral->batch(tensors, coefficients, form->constants, integral->coordinates + block * p->mesh.cell_coordinates * LANES);
+static void evaluate(const Tables *p, const Work *w, const Form *form, const Cells *cells, long block, double *tensors) {
+  double coefficients[(form->tables->width + 1) * LANES] __attribute__((aligned(64)));
+  pack(p, w, form->tables, cells, block, coefficients);
+  cells->of->batch(tensors, coefficients, form->constants, cells->coordinates + block * p->mesh.cell_coordinates * LANES);
 }
 
 /* Adds the tangents of a block of elements with n degrees of freedom to matrix entries. */
@@ -127,62 +127,64 @@ INLINED void add_tangents(int n, const Integral *integral, long block, const dou
 }
 
 /* Adds forces of some blocks of elements with n degrees of freedom to f and, unless K is 0, their tangent to matrix entries. */
-INLINED void assemble_elements(const Problem *p, const Work *w, int n, const Form *form, const Integral *integral, long first, long last,
-                               double *K) {
+INLINED void assemble_elements(const Tables *p, const Work *w, int n, const Form *form, const Cells *cells, long first,
+                               long last, double *K) {
   double A[(12 + 12 * 12) * LANES];
-  for (long block = first; block < last && block * LANES < integral->cells; ++block) {
-    evaluate(p, w, form, integral, block, A);
-    add_forces(n / 3, integral->to + block * n / 3 * LANES, A, w->f);
-    if (K) add_tangents(n, integral, block, A + n * LANES, K);
+  for (long block = first; block < last && block * LANES < cells->of->cells; ++block) {
+    evaluate(p, w, form, cells, block, A);
+    add_forces(n / 3, cells->of->to + block * n / 3 * LANES, A, w->f);
+    if (K) add_tangents(n, cells->of, block, A + n * LANES, K);
   }
 }
 
-HOT void assemble_blocks(const Problem *p, const Work *w, const Form *form, const Integral *integral, long first, long last, double *K) {
-  if (p->mesh.cell_dofs == 6) assemble_elements(p, w, 6, form, integral, first, last, K); /* whose loops are unrolled */
-  else assemble_elements(p, w, p->mesh.cell_dofs, form, integral, first, last, K);
+HOT void assemble_blocks(const Tables *p, const Work *w, const Form *form, const Cells *cells, long first, long last,
+                         double *K) {
+  if (p->mesh.cell_dofs == 6) assemble_elements(p, w, 6, form, cells, first, last, K); /* whose loops are unrolled */
+  else assemble_elements(p, w, p->mesh.cell_dofs, form, cells, first, last, K);
 }
 
 /* Pieces of an integral that have no node in common. */
-typedef struct { const Problem *p; const Work *w; const Form *form; const Integral *integral; const int *piece; double *K; } Assembly;
+typedef struct { const Tables *p; const Work *w; const Form *form; const Cells *cells; const int *piece; double *K; } Assembly;
 
 static void assemble_piece(const void *task, int part, int thread) {
   const Assembly *t = task;
   long first = (long)PIECE * t->piece[part];
-  assemble_blocks(t->p, t->w, t->form, t->integral, first, first + PIECE, t->K);
+  assemble_blocks(t->p, t->w, t->form, t->cells, first, first + PIECE, t->K);
 }
 
-static void assemble_forces(const Problem *p, const Work *w, const Form *form, double *K) {
-  for (const Integral *integral = form->of; integral < form->of + form->integrals; ++integral) {
-    if (!integral->colours) assemble_blocks(p, w, form, integral, 0, integral->cells, K);
+static void assemble_forces(const Tables *p, const Work *w, const Form *form, double *K) {
+  for (const Cells *cells = form->cells; cells < form->cells + form->integrals; ++cells) {
+    const Integral *integral = cells->of;
+    if (!integral->colours) assemble_blocks(p, w, form, cells, 0, integral->cells, K);
     for (int k = 0; k < integral->colours; ++k) {
-      Assembly task = {p, w, form, integral, integral->piece + integral->colour_start[k], K};
+      Assembly task = {p, w, form, cells, integral->piece + integral->colour_start[k], K};
       share(p->mesh.threads, integral->colour_start[k + 1] - integral->colour_start[k], assemble_piece, &task);
     }
   }
 }
 
 /* An energy of the step, or another sum over elements; zero without a form for it. */
-static double sum_over_elements(const Problem *p, const Work *w, const Form *form) {
+static double sum_over_elements(const Tables *p, const Numbers *s, const Work *w, const Form *form) {
   double sum = 0, A[LANES];
   if (!form->integrals) return 0;
-  begin_form(p, w, form, p->state.t);
-  EACH_BLOCK(integral, block, form) {
-    evaluate(p, w, form, integral, block, A);
-    for (int l = 0; l < LANES && block * LANES + l < integral->cells; ++l) sum += A[l];
+  begin_form(s, w, form, w->state.t);
+  EACH_BLOCK(cells, block, form) {
+    evaluate(p, w, form, cells, block, A);
+    for (int l = 0; l < LANES && block * LANES + l < cells->of->cells; ++l) sum += A[l];
   }
   return sum;
 }
 
 /* The internal variables at the end of the step. */
-static void evolve(const Problem *p, const Work *w) {
-  const Form *form = &p->forms.evolution;
+static void evolve(const Tables *p, const Numbers *s, const Work *w) {
+  const Form *form = &s->forms.evolution;
   int n = p->internal.per_cell;
   double A[n * LANES];
-  begin_form(p, w, form, p->state.t + p->scheme.level * w->dt);
-  EACH_BLOCK(integral, block, form) {
-    evaluate(p, w, form, integral, block, A);
-    for (int l = 0; l < LANES && block * LANES + l < integral->cells; ++l)
+  begin_form(s, w, form, w->state.t + p->scheme.level * w->dt);
+  EACH_BLOCK(cells, block, form) {
+    evaluate(p, w, form, cells, block, A);
+    for (int l = 0; l < LANES && block * LANES + l < cells->of->cells; ++l)
       for (int k = 0; k < n; ++k)
-        p->state.internal[integral->internal[(block * n + k) * LANES + l]] += p->internal.per_weight[k] * A[k * LANES + l];
+        w->state.internal[cells->of->internal[(block * n + k) * LANES + l]] += p->internal.per_weight[k] * A[k * LANES + l];
   }
 }

@@ -5,7 +5,7 @@
 #include "algebra.h"
 
 /* Columns of the auxiliary unknowns in small changes z, for values of T or Tv; without values in increments. */
-INLINED void change_auxiliaries(const Problem *p, const Work *w, const double *values, double *z) {
+INLINED void change_auxiliaries(const Tables *p, const Work *w, const double *values, double *z) {
   double *auxiliary = z + p->columns;
   memset(auxiliary, 0, p->auxiliary.count * sizeof *auxiliary);
   for (int k = 0; !values && k < p->auxiliary.arms; ++k)
@@ -17,7 +17,7 @@ INLINED void change_auxiliaries(const Problem *p, const Work *w, const double *v
 }
 
 /* Adds the forces on the auxiliary unknowns to those on the columns before, for values of T or Tv. */
-static void collect_auxiliaries(const Problem *p, const double *virtual_map, double *out) {
+static void collect_auxiliaries(const Tables *p, const double *virtual_map, double *out) {
   const double *auxiliary = out + p->columns;
   for (int k = p->auxiliary.entries - 1; k >= 0; --k)
     out[p->auxiliary.column[k]] += p->auxiliary.sign[k] * virtual_map[p->auxiliary.value[k]] * auxiliary[p->auxiliary.of[k]];

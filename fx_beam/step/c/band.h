@@ -97,14 +97,14 @@ INLINED void substitute_band(int n, int band, Ends ends, const double *A, double
   }
 }
 
-/* Subtracts a multiple of a row of the block (work.h), of n times four columns, from another one. */
+/* Subtracts a multiple of a row of the block (room.h), of n times four columns, from another one. */
 INLINED void subtract_in_block(const Work *w, int n, int row, double factor, int other) {
   Four *to = (Four *)w->block + (long)row * n, *subtracted = (Four *)w->block + (long)other * n;
   for (int j = 0; j < n; ++j) to[j] -= factor * subtracted[j];
 }
 
 /* The block from its right sides and factors of a band matrix. */
-INLINED void solve_band_columns(const Problem *p, const Work *w, Ends ends, int columns) {
+INLINED void solve_band_columns(const Tables *p, const Work *w, Ends ends, int columns) {
   int n = p->free, band = p->system.band, last = n - 1 - ends.bottom;
   long width = 2 * band + 1;
   const double *A = w->tangent + band;
@@ -116,7 +116,7 @@ INLINED void solve_band_columns(const Problem *p, const Work *w, Ends ends, int 
       for (int j = 1; j <= band && j <= reach_of; ++j) {
         double below = pivot[direction * j * 2 * band];
         if (below == 0 && pivot[direction * j] == 0) continue;
-        reach(p, w, k + direction * j);
+        reach(&p->border, w, k + direction * j);
         subtract_in_block(w, columns, k + direction * j, below * pivot[0], k);
       }
     }
@@ -142,10 +142,10 @@ INLINED void solve_band_columns(const Problem *p, const Work *w, Ends ends, int 
                      : function(n, (p)->system.band, __VA_ARGS__))
 
 /* Both of the tangent and the right side y, whose solution takes its place. */
-COMPILED_ONCE int eliminate_tangent(const Problem *p, const Work *w, int n, Ends ends) {
+COMPILED_ONCE int eliminate_tangent(const Tables *p, const Work *w, int n, Ends ends) {
   return OF_BAND(p, eliminate_band, n, ends, w->tangent, w->y);
 }
 
-COMPILED_ONCE void substitute_tangent(const Problem *p, const Work *w, int n, Ends ends, const int *reached, int now) {
+COMPILED_ONCE void substitute_tangent(const Tables *p, const Work *w, int n, Ends ends, const int *reached, int now) {
   OF_BAND(p, substitute_band, n, ends, w->tangent, w->y, reached, now);
 }

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "problem.h"
+#include "tables.h"
 #include "vectors.h"
 
 #define fmax larger

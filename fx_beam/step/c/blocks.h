@@ -60,7 +60,7 @@ enum {
   AT, ALONG = AT + 2 * WINDOW_NODES, PARTS = ALONG + 2 * WINDOW_NODES, TOTAL = PARTS + WINDOW_NODES, AXIS,
   APART = AXIS + 3, TURN = APART + 2, ON_CHORD, MEAN_TURN = ON_CHORD + 2, NODE_TURN, SLIDE_NUMBERS };
 
-KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
+static Layout layout_of(const Tables *p, const PointForces *points, const Work *w, const Derivatives *a) {
   Layout l;
   int next = 0, n = p->dofs, joints = p->joints.count;
   int columns = p->columns + p->auxiliary.count;
@@ -75,14 +75,18 @@ KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n);
   ARRAY(natural, natural), ARRAY(internal, internal), ARRAY(spring_internal, p->at_points.spring_width);
   ARRAY(loads, 2 * p->loads.count), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->loads.follower_forces);
-  ARRAY(parameters, 2 * p->parameters.count), ARRAY(naturals, p->natural.count), ARRAY(hold, p->statics.holds);
+  ARRAY(parameters, 2 * p->parameters.count), ARRAY(naturals, p->natural.count), ARRAY(hold, w->statics.holds);
   ARRAY(Y1, columns + SPACING), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(slides, SLIDE_NUMBERS * p->sliders.count);
   ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->at_points.spring_width), ARRAY(map, values_of_joints(p));
   ARRAY(held, 3 * p->sliders.count), next += SPACING, ARRAY(r, n), next += SPACING, ARRAY(R, columns > n ? columns : n);
   ARRAY(closures, p->loops.closures), ARRAY(closing, p->loops.closures);
   ARRAY(pushed, p->loops.carried ? columns : 0), ARRAY(carried, p->loops.carried ? n : 0);
   ARRAY(moments, p->passes.joints), ARRAY(forces, 3 * p->passes.joints), ARRAY(axes, 2 * p->sliders.count);
-  ARRAY(followed, p->points->followed.size), ARRAY(nowhere, 4 * LANES), ARRAY(size, 0);
+  ARRAY(followed, points->followed.size), ARRAY(nowhere, 4 * LANES), ARRAY(size, 0);
 #undef ARRAY
   return l;
+}
+
+KEPT Layout fx_layout(const Problem *problem, const Derivatives *a) {
+  return layout_of(problem->tables, problem->numbers.points, &problem->work, a);
 }

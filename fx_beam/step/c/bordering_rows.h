@@ -19,19 +19,19 @@
 #include "loops.h"
 
 /* Lists a number, if there is room, with its row and column. */
-static void list_entry(const Problem *p, int row, int column, double x) {
-  BorderEntries *e = p->border.listed;
-  int behind = p->system.unknowns + ON_BORDER, k = e->count++;
+static void list_entry(const System *system, const Work *w, int row, int column, double x) {
+  BorderEntries *e = w->listed;
+  int behind = system->unknowns + ON_BORDER, k = e->count++;
   if (!e->row) return;
   e->row[k] = row < 0 ? behind - row : row, e->column[k] = column < 0 ? behind - column : column, e->value[k] = x;
 }
 
 /* Adds a number among the sparse rows, or finds its place in their pattern. */
-static void add_inside(const Problem *p, int i, int j, double x) {
-  ChangingRows *c = p->system.changing;
+static void add_inside(const Tables *p, const Factors *factors, int i, int j, double x) {
+  ChangingRows *c = factors->changing;
   int n = p->system.unknowns, row = i < 0 ? n + p->border.pivot[ON_BORDER - i] : i, column = j < 0 ? n + ON_BORDER - j : j;
   if (c->finds) add_pair(c, (ContactPair){.row = row, .column = column});
-  else p->system.rows->factors[c->pair[c->next++].at] += x;
+  else factors->rows->factors[c->pair[c->next++].at] += x;
 }
 
 /* Extends the part of a row that may differ from zero, from `low` to `high`, to a position. */
@@ -43,20 +43,20 @@ static void widen(double *row, int *low, int *high, int position) {
 
 /* Adds a number in a row and a column of the system, or of its transpose: unknowns, or ON_BORDER less the number of a bordering
    row. Nothing for -1, and nothing is added to A. */
-INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
+INLINED void add_at(const Tables *p, const Work *w, int i, int j, double x) {
   int row = w->transposed ? j : i, column = w->transposed ? i : j;
   if (row == -1 || column == -1) return;
-  if (p->border.listed) return list_entry(p, row, column, x);
-  if (!HAS(CHAIN | BAND) && p->border.inside) return add_inside(p, i, j, x);
+  if (w->listed) return list_entry(&p->system, w, row, column, x);
+  if (!HAS(CHAIN | BAND) && p->border.inside) return add_inside(p, &w->factors, i, j, x);
   if (x == 0) return;
   if (row >= 0) {
-    int at = p->system.order[row];
-    reach(p, w, at);
+    int at = w->factors.order[row];
+    reach(&p->border, w, at);
     w->block[(long)at * p->border.block + ON_BORDER - column] += x;
   } else if (column >= 0) {
-    int at = p->system.order[column], *crossed = w->crossed + 2 * (ON_BORDER - row);
+    int at = w->factors.order[column], *crossed = w->crossed + 2 * (ON_BORDER - row);
     double *border = w->border + (long)(ON_BORDER - row) * p->system.positions;
-    reach(p, w, at);
+    reach(&p->border, w, at);
     widen(border, crossed, crossed + 1, at);
     border[at] += x;
   } else {
@@ -65,9 +65,9 @@ INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
 }
 
 /* The derivatives of the forces F of sliding nodes, and their part on the diagonal of the full tangent. */
-static void turn_beams(const Problem *p, const Work *w) {
-  for (int i = 0; i < p->sliders.count; ++i) {
-    Slider *a = p->sliders.slider + i;
+static void turn_beams(const Sliders *sliders, const Work *w) {
+  for (int i = 0; i < sliders->count; ++i) {
+    Slider *a = w->slider + i;
     int turns = 2 * a->width, node = a->first;
     find_second(a, &a->second_slopes);
     for (; a->components == 3 && turns < 3 * a->width; ++turns, ++node)
@@ -77,7 +77,7 @@ static void turn_beams(const Problem *p, const Work *w) {
 
 /* A node that slides: its columns c, the forces f that hold it on the beam, and the products of which the
    derivatives of Tv consist. */
-static void bordering_slider(const Problem *p, const Work *w, Slider *a) {
+static void bordering_slider(const Tables *p, const Work *w, Slider *a) {
   int n = a->width, m = a->components, force = ON_BORDER - a->bordering_row, product = force - m;
   int row_s = p->system.row_of[a->column], column_s = p->system.unknown_of[a->column];
   const Second *h = &a->second_slopes;
@@ -110,12 +110,12 @@ static void bordering_slider(const Problem *p, const Work *w, Slider *a) {
 }
 
 /* A node of the beam is held in A, twice as stiff, and set free by bordering rows: otherwise A may be singular. */
-static void hold_beams(const Problem *p, const Work *w) {
-  for (const Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a)
+static void hold_beams(const Sliders *sliders, const Work *w) {
+  for (const Slider *a = w->slider; a < w->slider + sliders->count; ++a)
     for (int i = 0; i < a->anchors; ++i) w->tangent[a->anchor_at[i]] *= 2;
 }
 
-static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
+static void anchor_beam(const Tables *p, const Work *w, const Slider *a) {
   for (int i = 0; i < a->anchors; ++i) {
     int bordering_row = ON_BORDER - a->bordering_row - a->components - a->products - i, column = a->anchor_column[i];
     double k = w->tangent[a->anchor_at[i]] / 2;
@@ -125,24 +125,24 @@ static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
   }
 }
 
-HOT void add_bordering_rows(const Problem *p, const Work *w) {
+HOT void add_bordering_rows(const Tables *p, const Work *w) {
   for (int i = 0; i < p->sliders.count; ++i)
-    bordering_slider(p, w, p->sliders.slider + i), anchor_beam(p, w, p->sliders.slider + i);
+    bordering_slider(p, w, w->slider + i), anchor_beam(p, w, w->slider + i);
   for (int k = 0; k < p->border.beside; ++k)
     add_at(p, w, p->system.row_of[p->border.beside_row[k]], p->system.unknown_of[p->border.beside_column[k]],
         w->tangent[p->border.beside_at[k]]);
 }
 
 /* Counts the entries of the last tangent's bordering rows and columns, and lists them if there is room. */
-OF_STEPS void fx_list_border(Problem *p, BorderEntries *to) {
-  Work work = work_of(p);
-  p->border.listed = to, to->count = 0;
-  add_bordering_rows(p, &work);
-  p->border.listed = 0;
+OF_STEPS void fx_list_border(Problem *problem, BorderEntries *to) {
+  const Tables *p = problem->tables; Work *w = &problem->work;
+  w->listed = to, to->count = 0;
+  add_bordering_rows(p, w);
+  w->listed = 0;
 }
 
 /* The bordering rows for the tangent of a step. */
-static void fill_bordering_rows(const Problem *p, const Work *w) {
+static void fill_bordering_rows(const Tables *p, const Work *w) {
   if (p->border.inside) return;
   memset(w->reached, 0, p->system.positions * sizeof *w->reached);
   for (int i = 0; i < p->border.rows; ++i) w->crossed[2 * i] = p->system.positions, w->crossed[2 * i + 1] = -1;
@@ -151,22 +151,22 @@ static void fill_bordering_rows(const Problem *p, const Work *w) {
 }
 
 /* Finds the pattern for the elements on which nodes slide, if it is that of others. */
-static void change_windows(const Problem *p, const Work *w) {
-  ChangingRows *c = p->system.changing;
+static void change_windows(const Tables *p, const Work *w) {
+  ChangingRows *c = w->factors.changing;
   int same = 1;
   for (int i = 0; i < p->sliders.count; ++i)
-    same &= c->window[i] == p->sliders.slider[i].first, c->window[i] = p->sliders.slider[i].first;
+    same &= c->window[i] == w->slider[i].first, c->window[i] = w->slider[i].first;
   if (same) return;
   begin_elimination(&c->elimination);
   c->pairs = 0, c->finds = 1;
   add_bordering_rows(p, w);
   c->finds = 0;
-  settle_rows(p, c);
+  settle_rows(&w->factors, c);
 }
 
 /* The block of n times four columns from its right sides and sparse factors. */
-INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
-  const SparseRows *rows = p->system.rows;
+INLINED void solve_sparse_columns(const Border *border, const Work *w, int n) {
+  const SparseRows *rows = w->factors.rows;
   const int *first = rows->first;
   const double *A = rows->factors;
   for (int g = 0; g < rows->groups; ++g) {
@@ -176,7 +176,7 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
       any = w->reached[first[rows->source[s]]];
     for (int x = 0; any && x < size; ++x) {
       const double *row = A + rows->start[at + x];
-      reach(p, w, at + x);
+      reach(border, w, at + x);
       for (int s = rows->source_start[g]; s < stored_sources(rows, g); ++s)
         for (int k = first[rows->source[s]]; k < first[rows->source[s] + 1]; ++k, ++row)
           if (w->reached[k] && *row != 0) subtract_in_block(w, n, at + x, *row, k);
@@ -185,7 +185,7 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
       for (int k = rows->run_start[g]; rows->symmetric && k < rows->run_start[g + 1]; row += rows->run_length[k++])
         for (int j = 0; j < rows->run_length[k]; ++j) {
           if (row[j] == 0) continue;
-          reach(p, w, rows->run_column[k] + j);
+          reach(border, w, rows->run_column[k] + j);
           subtract_in_block(w, n, rows->run_column[k] + j, row[j] * A[rows->diagonal[at + x]], at + x);
         }
     }
@@ -206,7 +206,7 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
 
 /* Factors of D - C A^-1 B, from D. Equations are divided by their largest entries, and forces and moments counted in
    stiffnesses of their own: otherwise the units would choose the pivots. */
-HOT void factorise_corner(const Problem *p, const Work *w) {
+HOT void factorise_corner(const Tables *p, const Work *w) {
   int m = p->border.rows;
   double stiff[2] = {0}, *D = w->corner, *unit = w->corner_units, *per_most = unit + m;
   for (int i = 0; i < m; ++i)
@@ -215,10 +215,10 @@ HOT void factorise_corner(const Problem *p, const Work *w) {
       for (int j = 0; c != 0 && j < m; ++j) D[i * m + j] -= c * w->block[k * p->border.block + j];
     }
   for (int i = 0; i < m; ++i) unit[i] = 1;
-  for (const Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a)
+  for (const Slider *a = w->slider; a < w->slider + p->sliders.count; ++a)
     for (int c = 0, j = a->bordering_row; c < a->components; ++c, ++j) stiff[c == 2] = fmax(stiff[c == 2], fabs(D[j * m + j]));
   for (int k = 0; k < 2; ++k) stiff[k] = stiff[k] > 0 ? 1 / stiff[k] : 1;
-  for (const Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a)
+  for (const Slider *a = w->slider; a < w->slider + p->sliders.count; ++a)
     for (int c = 0; c < a->components + a->products; ++c) unit[a->bordering_row + c] = stiff[c == 2 && a->components == 3];
   for (int j = p->border.carriers; j < m; ++j)
     unit[j] = stiff[p->loops.force[p->loops.carried_closure[j - p->border.carriers]] % 3 == 2];
@@ -234,7 +234,7 @@ HOT void factorise_corner(const Problem *p, const Work *w) {
 
 /* Unknowns y of the bordering rows from their right sides g, in the place of these, and A^-1 b in x, of one or GROUP_SIZE
    right sides; the block has A^-1 B. x becomes the solution, as far as the bordering rows reach. */
-INLINED void solve_bordering_rows(const Problem *p, const Work *w, int sides, double *g, double *x) {
+INLINED void solve_bordering_rows(const Tables *p, const Work *w, int sides, double *g, double *x) {
   int m = p->border.rows;
   for (int j = 0; j < m; ++j)
     for (long i = w->crossed[2 * j]; i <= w->crossed[2 * j + 1]; ++i)

@@ -65,8 +65,8 @@ INLINED void eliminate_next(const Work *w, int k, int way, int keep, Four *diago
 
 /* Elimination for the right side y; returns 0 if a pivot is zero. Proceeds from both ends to the group `middle`, of which
    y becomes the solution: the processor can overlap the divisions. With `keep` for further right sides. */
-INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int keep) {
-  int last = p->system.chain - 1;
+INLINED int eliminate_chain(const System *system, const Work *w, int middle, int keep) {
+  int last = system->chain - 1;
   double none[GROUP] = {0};
   Four down[3], up[3], diagonal[3], u[3];
   diagonal_rows(w, 0, down), diagonal_rows(w, last, up);
@@ -93,8 +93,8 @@ INLINED void substitute_group(const Work *w, int k, int side, const int *reached
 }
 
 /* The solution in place of y, from that of the group in the middle: only of groups that are `reached` or not, if it is given. */
-INLINED void substitute_chain(const Problem *p, const Work *w, int middle, const int *reached, int now) {
-  int last = p->system.chain - 1;
+INLINED void substitute_chain(const System *system, const Work *w, int middle, const int *reached, int now) {
+  int last = system->chain - 1;
   double x[3], z[3];
   for (int i = 0; i < 3; ++i) x[i] = z[i] = w->y[3 * middle + i];
   for (int k = 1; k <= middle || k <= last - middle; ++k) {
@@ -131,8 +131,8 @@ static int are_coupled(const double *one, const double *other) {
   return sum != 0;
 }
 
-/* The block (work.h), of n times four columns, from its right sides, after `eliminate_chain` that kept its rows. */
-INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, int n) {
+/* The block (room.h), of n times four columns, from its right sides, after `eliminate_chain` that kept its rows. */
+INLINED void solve_chain_columns(const Tables *p, const Work *w, int middle, int n) {
   double *A = w->tangent;
   Four *block = (Four *)w->block;
   int last = p->system.chain - 1, most = middle > last - middle ? middle : last - middle;
@@ -144,7 +144,7 @@ INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, in
       if (way * (middle - k) <= 0 || !w->reached[3 * k]) continue;
       solve_by_inverse(n, group, block + k * rows);
       if (!w->reached[3 * (k + way)] && !are_coupled(next + back, group + to_middle)) continue;
-      reach(p, w, 3 * (k + way));
+      reach(&p->border, w, 3 * (k + way));
       subtract_coupled(n, next + back, block + k * rows, block + (k + way) * rows);
     }
   if (w->reached[3 * middle]) solve_by_inverse(n, A + middle * GROUP, block + middle * rows);

@@ -40,27 +40,27 @@ static void add_pair(ChangingRows *c, ContactPair pair) {
 }
 
 /* The rows and unknowns on which contact points act. */
-static void find_pairs(const Problem *p, ChangingRows *c, const MemberContacts *m) {
+static void find_pairs(const System *system, ChangingRows *c, const MemberContacts *m) {
   c->pairs = 0;
   for (int t = 0; t < m->contact_points; ++t)
     for (int i = 0; m->contact_point[t].counted && i < CONTACT_POINT_DOFS * CONTACT_POINT_DOFS; ++i) {
       const int *dof = m->contact_point[t].dof, a = dof[i / CONTACT_POINT_DOFS], b = dof[i % CONTACT_POINT_DOFS];
       for (int e = c->dof_start[a]; e < c->dof_start[a + 1]; ++e)
         for (int f = c->dof_start[b]; f < c->dof_start[b + 1]; ++f)
-          add_pair(c, (ContactPair){i, c->dof_sign[e] * c->dof_sign[f], t, p->system.row_of[c->dof_column[e]],
-                                    p->system.unknown_of[c->dof_column[f]], c->dof_value[e], c->dof_value[f], -1});
+          add_pair(c, (ContactPair){i, c->dof_sign[e] * c->dof_sign[f], t, system->row_of[c->dof_column[e]],
+                                    system->unknown_of[c->dof_column[f]], c->dof_value[e], c->dof_value[f], -1});
     }
 }
 
 /* Substitutions that cost as much as a factorisation (lu_layout.py). */
-static int worth_of(const Problem *p, const ChangingRows *c) {
+static int worth_of(const System *system, const ChangingRows *c) {
   const SparseRows *r = &c->elimination.rows;
   double products = 0, size = r->start[r->unknowns];
   for (int i = 0; i < r->unknowns; ++i) {
     double above = r->start[i + 1] - r->diagonal[i] - 1;
     products += above * (above + 1);
   }
-  int worth = (products + c->row_entry * size) / (c->substitution * (size + p->system.tangent_start[p->system.unknowns]));
+  int worth = (products + c->row_entry * size) / (c->substitution * (size + system->tangent_start[system->unknowns]));
   return worth >= c->least_worth ? worth : 0;
 }
 
@@ -73,11 +73,11 @@ static int has_contact_points(const ChangingRows *c, const MemberContacts *m) {
 }
 
 /* Places among the factors of the entries of the tangent or of its transpose, and of those of contact points. */
-static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
-  for (int i = 0; i < p->system.unknowns; ++i)
-    for (int k = p->system.tangent_start[i]; k < p->system.tangent_start[i + 1]; ++k) {
-      int j = p->system.tangent_column[k];
-      p->system.factor_at[k] = place_of_pair(&c->elimination, transposed ? j : i, transposed ? i : j);
+static void place_entries(const System *system, const Factors *factors, ChangingRows *c, int transposed) {
+  for (int i = 0; i < system->unknowns; ++i)
+    for (int k = system->tangent_start[i]; k < system->tangent_start[i + 1]; ++k) {
+      int j = system->tangent_column[k];
+      factors->at[k] = place_of_pair(&c->elimination, transposed ? j : i, transposed ? i : j);
     }
   for (ContactPair *e = c->pair; e < c->pair + c->pairs; ++e)
     e->at = place_of_pair(&c->elimination, transposed ? e->column : e->row, transposed ? e->row : e->column);
@@ -85,22 +85,22 @@ static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
 }
 
 /* The rows for the graph with all pairs. */
-static void settle_rows(const Problem *p, ChangingRows *c) {
+static void settle_rows(const Factors *factors, ChangingRows *c) {
   find_rows(&c->elimination);
-  memcpy(p->system.order, c->elimination.order, p->system.rows->unknowns * sizeof(int));
-  ROOM(p->system.rows->factors, p->system.rows->start[p->system.rows->unknowns]);
+  memcpy(factors->order, c->elimination.order, factors->rows->unknowns * sizeof(int));
+  ROOM(factors->rows->factors, factors->rows->start[factors->rows->unknowns]);
   c->placed = -1;
 }
 
 /* Finds the pattern for the present contact points, if it lacks one. */
-static void change_rows(Problem *p) {
-  ChangingRows *c = p->system.changing;
-  MemberContacts *m = p->points->members;
+static void change_rows(const System *system, const PointForces *points, Factors *factors) {
+  ChangingRows *c = factors->changing;
+  MemberContacts *m = points->members;
   if (has_contact_points(c, m)) return;
   c->searches = m->searches;
   count_contact_points(m);
-  begin_elimination(&c->elimination), find_pairs(p, c, m);
-  settle_rows(p, c);
-  p->system.reused.present = 0;
-  if (c->keep) p->system.reused.worth = worth_of(p, c);
+  begin_elimination(&c->elimination), find_pairs(system, c, m);
+  settle_rows(factors, c);
+  factors->reused.present = 0;
+  if (c->keep) factors->reused.worth = worth_of(system, c);
 }

@@ -6,37 +6,38 @@
 #include "newton.h"
 
 /* Begins a sub-step from the state, at a time. */
-OF_STEPS void fx_begin(Problem *p, double t, double dt, double *follower_force) {
-  Work work = work_of(p), *w = &work;
-  p->state.t = t, w->dt = dt, w->follower_force = follower_force;
-  begin_couplings(p, w);
+OF_STEPS void fx_begin(Problem *problem, double t, double dt, double *follower_force) {
+  const Tables *p = problem->tables; const Numbers *s = &problem->numbers; Work *w = &problem->work;
+  w->state.t = t, w->dt = dt, w->follower_force = follower_force;
+  begin_couplings(p, s, w);
 }
 
 /* Sets its end for the elements, in statics with the load factor. Laws at points go on with what they remember of the iterations so far. */
-OF_STEPS void fx_end_at(Problem *p, double dt, double ratio) {
-  Work work = work_of(p), *w = &work;
+OF_STEPS void fx_end_at(Problem *problem, double dt, double ratio) {
+  const Tables *p = problem->tables; const Numbers *s = &problem->numbers; Work *w = &problem->work;
   w->dt = dt;
-  p->state.ratio = p->scheme.at_rest ? ratio : ratio_of_lengths(p, dt);
-  begin_elements(p, w);
+  w->state.ratio = p->scheme.at_rest ? ratio : ratio_of_lengths(&w->state, dt);
+  begin_elements(&p->scheme, s, w);
 }
 
 /* Forces, residual and tangent for the increments of the columns and dead forces that were set, without forces that
    hold the unknowns; returns 0 if loops cannot be closed. */
-OF_STEPS int fx_balance(Problem *p, double dt) {
-  Work work = work_of(p), *w = &work;
-  double *hold = p->statics.hold;
-  w->dt = dt, p->statics.hold = 0;
-  int closed = expand(p, w);
-  balance(p, w);
-  p->statics.hold = hold;
-  if (HAS(MEMBERS) && p->system.changing) change_rows(p);
-  reduce_tangent(p, w);
+OF_STEPS int fx_balance(Problem *problem, double dt) {
+  const Tables *p = problem->tables; const Numbers *s = &problem->numbers; Work *w = &problem->work;
+  double *hold = w->statics.hold;
+  w->dt = dt, w->statics.hold = 0;
+  int closed = expand(p, s, w);
+  balance(p, s, w);
+  w->statics.hold = hold;
+  if (HAS(MEMBERS) && w->factors.changing) change_rows(&p->system, s->points, &w->factors);
+  reduce_tangent(p, s, w);
   return closed;
 }
 
 /* Change of the forces with a small one of the nodes, by the last tangent; with `sizes` by the sizes of its entries. */
-OF_STEPS void fx_change(const Problem *p, const double *x, int sizes, double *out) {
-  Work w = work_of(p);
-  const double *member_product = times_members(p->points->members, x);
-  for (int i = 0; i < p->dofs; ++i) out[i] = row_times(p, w.tangent, i, sizes, x) + (member_product ? member_product[i] : 0);
+OF_STEPS void fx_change(const Problem *problem, const double *x, int sizes, double *out) {
+  const Tables *p = problem->tables; const Numbers *s = &problem->numbers;
+  const double *member_product = times_members(s->points->members, x);
+  for (int i = 0; i < p->dofs; ++i)
+    out[i] = row_times(&p->tangent, problem->work.tangent, i, sizes, x) + (member_product ? member_product[i] : 0);
 }

@@ -9,10 +9,11 @@
 
 /* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns. Where
    nothing is COUPLED it does not go through columns. */
-static void set_ends(const Problem *p, const Linear *l, int held, const Changes *solution, Changes *x) {
+static void set_ends(const Tables *p, const PointForces *points, const Factors *factors, const Linear *l, int held,
+                     const Changes *solution, Changes *x) {
   const Layout *at = &l->at;
-  const int *order = p->system.order;
-  int first = solution ? p->free : 0, forces = p->points->all || p->points->members;
+  const int *order = factors->order;
+  int first = solution ? p->free : 0, forces = points->all || points->members;
   long end = HAS(COUPLED) || held ? at->natural1 : at->q1;
   for (int i = 0; HAS(COUPLED) && i < first; ++i) x[at->Y1 + i] = -solution[order[i]];
   if (!held || forces || p->joints.count || p->loops.closures || p->sliders.count)
@@ -28,13 +29,13 @@ static void set_ends(const Problem *p, const Linear *l, int held, const Changes 
 }
 
 /* The changes of forces for that of the configuration at the end. */
-static void jvp_forces(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int changes_mass, int held,
-                       Changes *x) {
+static void jvp_forces(const Tables *p, const Numbers *s, const Work *w, const Derivatives *a, const Linear *l,
+                       int changes_mass, int held, Changes *x) {
   const Layout *at = &l->at;
   int first = HAS(COUPLED) ? at->R : at->closures; /* others set the rows first, which were used as room */
   memset(x + at->springs1, 0, (at->held + 3 * p->sliders.count - at->springs1) * sizeof(Changes));
-  jvp_inertia(p, w, at, changes_mass, held, x);
-  jvp_elements(p, a, l, held, x);
+  jvp_inertia(p, s, w, at, changes_mass, held, x);
+  jvp_elements(&p->mesh, a, l, held, x);
   memset(x + first, 0, (at->size - first) * sizeof(Changes));
   for (int i = TOUCHED; i <= SLID; ++i) jvp(l->of + i, x);
   if (l->moves_joints) jvp(l->of + LEVERS, x);
@@ -48,10 +49,10 @@ static void jvp_rows(const Linear *l, Changes *x) {
 }
 
 /* The changes of closing forces and of forces of joints, and of those that friction follows. */
-static void jvp_joints(const Problem *p, const Work *w, const Linear *l, Changes *x) {
+static void jvp_joints(const Loops *loops, const Work *w, const Linear *l, Changes *x) {
   const Layout *at = &l->at;
-  for (int i = 0; i < p->loops.closures; ++i) x[at->closing + i] = x[at->R + p->loops.column[p->loops.following[i]]];
-  if (p->loops.closures) solve_closures(p, w, GROUP_SIZE, 1, (double *)(x + at->closing));
+  for (int i = 0; i < loops->closures; ++i) x[at->closing + i] = x[at->R + loops->column[w->following[i]]];
+  if (loops->closures) solve_closures(loops, w, GROUP_SIZE, 1, (double *)(x + at->closing));
   jvp(l->of + CLOSED, x);
   jvp(l->of + JOINED, x);
 }
@@ -67,16 +68,17 @@ static int change_followed(const Derivatives *a, Linear *l, Changes *x) {
 }
 
 /* The changes of the forces on unknowns where both ends of a sub-step change by the columns at its start. */
-static void jvp_equations(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int changes_mass, Changes *x) {
-  for (int i = 0; i < p->free; ++i) l->block[p->system.order[i]] = -x[l->at.Y + i];
-  set_ends(p, l, 0, l->block, x);
-  jvp_forces(p, w, a, l, changes_mass, 0, x), jvp_rows(l, x);
+static void jvp_equations(const Tables *p, const Numbers *s, const Work *w, const Derivatives *a, const Linear *l,
+                          int changes_mass, Changes *x) {
+  for (int i = 0; i < p->free; ++i) l->block[w->factors.order[i]] = -x[l->at.Y + i];
+  set_ends(p, s->points, &w->factors, l, 0, l->block, x);
+  jvp_forces(p, s, w, a, l, changes_mass, 0, x), jvp_rows(l, x);
 }
 
 /* The changes of the state at the end, from the solution. */
-static void change_state(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, Changes *x) {
+static void change_state(const Tables *p, const Work *w, const Derivatives *a, const Linear *l, Changes *x) {
   const Layout *at = &l->at;
-  double per_dt = rates_per_path(p, w->dt);
+  double per_dt = rates_per_path(&p->scheme, w->dt);
   Changes *q = x + at->q, *v = x + at->v, *end = x + at->q1;
   memcpy(x + at->internal1, x + at->internal, (at->spring_internal - at->internal) * sizeof(Changes));
   if (p->internal.per_cell) jvp_cells(&a->internal_forces, l->slopes[0], p->internal.per_cell, 1, 0, x);
@@ -91,20 +93,21 @@ static void change_state(const Problem *p, const Work *w, const Derivatives *a, 
 }
 
 /* A group of directions through a sub-step, which is repeated for the forces that friction follows. */
-static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int changes_mass, int forces, Changes *x) {
+static void jvp_group(const Tables *p, const Numbers *s, const Work *w, const Derivatives *a, Linear *l, int changes_mass,
+                      int forces, Changes *x) {
   const Layout *at = &l->at;
   forces |= p->at_points.friction_follows;
   begin_fixed_point(&l->following, 0);
   for (int i = 0; i <= MOST_TRIALS; ++i) {
     /* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
     int held = !l->moves_joints && largest(p->driven * GROUP_SIZE, (const double *)(x + at->driven), 0) == 0;
-    set_ends(p, l, held, 0, x);
-    jvp_forces(p, w, a, l, changes_mass, held, x);
+    set_ends(p, s->points, &w->factors, l, held, 0, x);
+    jvp_forces(p, s, w, a, l, changes_mass, held, x);
     if (HAS(COUPLED)) jvp_rows(l, x);
-    set_right_sides(p, at, x, l->block);
-    solve_right_sides(p, w, l);
-    set_ends(p, l, 0, l->block, x);
-    if (forces) jvp_forces(p, w, a, l, changes_mass, 0, x), jvp_rows(l, x), jvp_joints(p, w, l, x);
+    set_right_sides(p, &w->factors, at, x, l->block);
+    solve_right_sides(p, s->points, w, l);
+    set_ends(p, s->points, &w->factors, l, 0, l->block, x);
+    if (forces) jvp_forces(p, s, w, a, l, changes_mass, 0, x), jvp_rows(l, x), jvp_joints(&p->loops, w, l, x);
     if (!p->at_points.friction_follows || !change_followed(a, l, x)) break;
   }
   if (!forces && p->at_points.spring_width) {
@@ -116,20 +119,20 @@ static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Lin
 
 /* Whether load steps are in the same row, in which the Jacobians of their forces may be added up, since the motions of nodes
    do not depend on the state. Their shares are those of a difference, with the sum zero. */
-static int are_added(const Problem *p, const Derivatives *a, long k, long next, long end) {
-  if (!a->unknown_slopes || !has_constant_map(p) || p->frame.spin_squared) return 0;
+static int are_added(const Tables *p, const Frame *frame, const Derivatives *a, long k, long next, long end) {
+  if (!a->unknown_slopes || !has_constant_map(p) || frame->spin_squared) return 0;
   return next >= 0 && next < end && a->forces.at[k] == a->forces.at[next];
 }
 
 /* Follows a tape with changes in several directions; returns the number of sub-steps that are left where a
    tangent is singular. */
-KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
-  Work work, *w = &work;
+KEPT long fx_jvp(Problem *problem, const Tape *tape, const Derivatives *a) {
+  const Tables *p = problem->tables; const Numbers *s = &problem->numbers; Work *w = &problem->work;
   Linear l;
-  begin_linear(p, w, a, &l);
+  begin_linear(p, s->points, w, a, &l);
   const Layout *at = &l.at;
   long groups = (a->directions + GROUP_SIZE - 1) / GROUP_SIZE, steps = at->Y1 - at->loads, left = tape->rows, state_numbers = at->v - at->Y;
-  l.following.size = GROUP_SIZE * p->points->followed.size, l.moves_joints = 0;
+  l.following.size = GROUP_SIZE * s->points->followed.size, l.moves_joints = 0;
   w->slopes_only = p->internal.per_cell || a->unknown_slopes;
   for (long i = 0; i < groups; ++i) {
     const Changes *x = (Changes *)a->x + i * at->size;
@@ -137,10 +140,10 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   }
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;
-    int forces = !a->unknown_slopes && a->forces.at[k] >= 0, more = are_added(p, a, k, k + 1, tape->all);
-    l.step = k, l.adds = are_added(p, a, k, k - 1, tape->all), l.share = l.adds || more ? a->share[k] : 0;
-    if (!begin_linearised(p, w, a, &l, tape->row + row * tape->size, forces, !k, 1)) break;
-    if (!a->unknown_slopes && !factorise_for_directions(p, w)) break;
+    int forces = !a->unknown_slopes && a->forces.at[k] >= 0, more = are_added(p, &s->frame, a, k, k + 1, tape->all);
+    l.step = k, l.adds = are_added(p, &s->frame, a, k, k - 1, tape->all), l.share = l.adds || more ? a->share[k] : 0;
+    if (!begin_linearised(p, s, w, a, &l, tape->row + row * tape->size, forces, !k, 1)) break;
+    if (!a->unknown_slopes && !factorise_for_directions(p, s->points, w)) break;
     for (long i = 0; i < groups; ++i) {
       Changes *x = (Changes *)a->x + i * at->size;
       int count = a->directions - i * GROUP_SIZE < GROUP_SIZE ? a->directions - i * GROUP_SIZE : GROUP_SIZE;
@@ -153,10 +156,10 @@ KEPT long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
       if (row == 0) add_changes(a, &a->states, k, !a->unknown_slopes, x, i * GROUP_SIZE, count);
       memcpy(x + at->loads, (Changes *)a->step_slopes + (i * tape->all + k) * steps, steps * sizeof(Changes));
       double share = l.share ? 1 : share_of(a, k);
-      if (a->unknown_slopes) jvp_equations(p, w, a, &l, a->changes_mass[i] && !l.share, x);
-      else jvp_group(p, w, a, &l, a->changes_mass[i], forces, x);
+      if (a->unknown_slopes) jvp_equations(p, s, w, a, &l, a->changes_mass[i] && !l.share, x);
+      else jvp_group(p, s, w, a, &l, a->changes_mass[i], forces, x);
       add_changes(a, &a->forces, k, share, x, i * GROUP_SIZE, count), add_changes(a, &a->states, k + 1, share, x, i * GROUP_SIZE, count);
     }
   }
-  return end_linear(p, &l, left);
+  return end_linear(&w->factors, &l, left);
 }

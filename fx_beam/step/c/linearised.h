@@ -25,7 +25,7 @@ typedef struct {
   double share;                             /* with which forces are added to a sum; 0 for none */
   int adds;                                 /* whether this has begun */
   double *trial;                            /* backwards, derivatives without those by the equations */
-  Changes *block, *bordering_solutions;       /* forwards, right sides and solutions (work.h), and those of bordering rows */
+  Changes *block, *bordering_solutions;       /* forwards, right sides and solutions (room.h), and those of bordering rows */
   /* Whether offsets, axes and rests of joints, or places and paths of nodes that slide, change in any direction. */
   int moves_joints;
   double *followed, *next; /* forces that friction follows */
@@ -35,11 +35,11 @@ typedef struct {
 
 static const Vjp *work_of_elements(const Derivatives *a, int i) { return i ? &a->drag : &a->internal_forces; }
 
-static long lay_out_linear(const Problem *p, Work *w, const Derivatives *a, Linear *l, double *at) {
+static long lay_out_linear(const Tables *p, const PointForces *points, Work *w, const Derivatives *a, Linear *l, double *at) {
   double *begin = at;
-  long followed = (long)GROUP_SIZE * p->points->followed.size;
+  long followed = (long)GROUP_SIZE * points->followed.size;
   w->loads = allocate(&at, 2 * p->loads.count), w->follower_force = allocate(&at, 2 * p->loads.follower_forces);
-  w->naturals = allocate(&at, p->natural.count), l->trial = allocate(&at, fx_layout(p, a).size);
+  w->naturals = allocate(&at, p->natural.count), l->trial = allocate(&at, layout_of(p, points, w, a).size);
   l->bordering_solutions = (Changes *)allocate(&at, (long)p->border.rows * GROUP_SIZE);
   l->block = (Changes *)allocate(&at, (long)p->system.positions * GROUP_SIZE);
   l->followed = allocate(&at, followed), l->next = allocate(&at, followed);
@@ -51,20 +51,20 @@ static long lay_out_linear(const Problem *p, Work *w, const Derivatives *a, Line
   return at - begin;
 }
 
-KEPT long fx_linear_scratch(const Problem *p, const Derivatives *a) {
-  Work w;
+KEPT long fx_linear_scratch(const Problem *problem, const Derivatives *a) {
+  Work work = problem->work;
   Linear l;
-  return lay_out_linear(p, &w, a, &l, 0);
+  return lay_out_linear(problem->tables, problem->numbers.points, &work, a, &l, 0);
 }
 
 /* Begins to follow a tape. */
-static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear *l) {
+static void begin_linear(const Tables *p, const PointForces *points, Work *w, const Derivatives *a, Linear *l) {
   int equal = p->map.equal, left = p->map.count - equal;
   const int *row = p->map.row, *column = p->map.column, *value = p->map.value + equal;
   const double *sign = p->map.sign + equal;
-  lay_out(p, w, p->run.scratch), lay_out_linear(p, w, a, l, a->scratch);
+  lay_out_linear(p, points, w, a, l, a->scratch);
   l->share = 0, l->adds = 0, l->step = -1;
-  Layout at = l->at = fx_layout(p, a);
+  Layout at = l->at = layout_of(p, points, w, a);
   memset(l->of, 0, sizeof l->of);
   l->of[EQUAL] = (Block){0, equal, 0, column, row, 0, 0, 0, at.Y1, at.q1};
   l->of[COLLECTED] = (Block){0, equal, 0, row, column, 0, 0, 0, at.r, at.R};
@@ -75,8 +75,8 @@ static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear
 }
 
 /* Ends it, and forgets its factors; returns the number of sub-steps that are left, or -1 if there was no memory. */
-static long end_linear(Problem *p, Linear *l, long left) {
-  p->system.reused.present = 0;
+static long end_linear(Factors *factors, Linear *l, long left) {
+  factors->reused.present = 0;
   for (int i = 0; i < BLOCKS; ++i) {
     if (l->of[i].lacks_memory) left = -1;
     free(l->of[i].entry);
@@ -85,7 +85,7 @@ static long end_linear(Problem *p, Linear *l, long left) {
 }
 
 /* Rates at the end for an increment of the path; none in statics. */
-static double rates_per_path(const Problem *p, double dt) { return p->scheme.at_rest ? 0 : 2 / dt; }
+static double rates_per_path(const Scheme *scheme, double dt) { return scheme->at_rest ? 0 : 2 / dt; }
 
 /* Adds a share of the given derivatives by a state or by forces themselves. */
 static void add_given(const RowsOfRun *run, long k, double share, double *x) {
@@ -98,30 +98,30 @@ static void add_given(const RowsOfRun *run, long k, double share, double *x) {
 static double share_of(const Derivatives *a, long k) { return a->unknown_slopes ? a->share[k] : 1; }
 
 /* Natural strains at the end. */
-static void put_strains(const Problem *p, const Work *w, Linear *l) {
-  for (int k = 0; k < p->natural.count; ++k)
-    for (int i = p->natural.start[k]; i < p->natural.start[k + 1]; ++i) {
-      int to = l->at.natural1 + p->natural.at[i];
+static void put_strains(const Natural *natural, const Numbers *s, const Work *w, Linear *l) {
+  for (int k = 0; k < natural->count; ++k)
+    for (int i = natural->start[k]; i < natural->start[k + 1]; ++i) {
+      int to = l->at.natural1 + natural->at[i];
       put(l->of + STRAINED, l->at.natural_columns + i, to, w->naturals[k]);
-      put(l->of + STRAINED, l->at.naturals + k, to, p->natural.value[i]);
+      put(l->of + STRAINED, l->at.naturals + k, to, s->natural[i]);
     }
 }
 
 /* Arms R(psi) (offset + d axis) of joints at both ends less those at rest, by their numbers (their other derivatives are
    entries of T), and the values of Tv, by all that they depend on. */
-static void put_joint(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int first, int j) {
+static void put_joint(const Tables *p, const Numbers *s, const Work *w, const Derivatives *a, Linear *l, int first, int j) {
   const Layout *at_ = &l->at;
   int column = p->joints.slide_column[j], slides = column >= 0, map = at_->map + 1 + 4 * j;
-  double d0 = at(p->state.slides, p->joints.number[j]), d1 = d0 + at(w->z, column), *e = p->joints.axis + 2 * j,
+  double d0 = at(w->state.slides, p->joints.number[j]), d1 = d0 + at(w->z, column), *e = s->axis + 2 * j,
       rest = a->slide_at_rest[j];
   Track at_rest = track_of(p->joints.track[j], e, rest, rest);
   for (int end = 0; end < 2; ++end) {
     double share = end ? p->scheme.level : 1 - p->scheme.level, slopes[2][4] = {{0}};
-    double c = w->frame[4 * j + 2 * end], s = w->frame[4 * j + 2 * end + 1], R[2][2] = {{c, -s}, {s, c}};
-    Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
+    const double *frame = w->frame + 4 * j + 2 * end, R[2][2] = {{frame[0], -frame[1]}, {frame[1], frame[0]}};
+    Track track = track_at(p, s, j, end ? d0 : d1, end ? d1 : d0);
     int turn = in(end ? at_->q1 : at_->q, p->joints.carrier[j]), slide = in(end ? at_->Y1 : at_->Y, column);
     Block *arms = end ? l->of + ARMS : first ? l->of + BEGUN : 0, *levers = l->of + LEVERS;
-    slopes_of_joint(p, w, j, end, slopes);
+    slopes_of_joint(p, s, w, j, end, slopes);
     for (int i = 0; i < (slides ? 4 : 2); ++i)
       put(l->of + CARRIED, turn, map + i, slopes[0][i]), put(l->of + CARRIED, slide, map + i, slopes[1][i]);
     for (int i = 0; i < 2; ++i) {
@@ -141,9 +141,9 @@ static void put_joint(const Problem *p, const Work *w, const Derivatives *a, Lin
 }
 
 /* Values of Tv of gears, by all that they depend on. */
-static void put_gears(const Problem *p, const Work *w, Linear *l) {
+static void put_gears(const Tables *p, const Work *w, Linear *l) {
   for (int t = 0; t < p->gears.count; ++t) {
-    int value = value_of_term(p, t), weight = l->at.gears + t / 2 * 3 + t % 2;
+    int value = value_of_term(&p->joints, t), weight = l->at.gears + t / 2 * 3 + t % 2;
     put(l->of + LEVERS, weight, l->at.map + value, w->virtual_map[value] / w->values[value]);
     for (int is_a = 0; is_a < 2; ++is_a) {
       int turn = is_a ? p->gears.a[t] : p->gears.b[t];
@@ -154,7 +154,7 @@ static void put_gears(const Problem *p, const Work *w, Linear *l) {
 }
 
 /* Columns of auxiliary unknowns, from arms and other columns. */
-static void put_auxiliaries(const Problem *p, const Linear *l, const double *values, int Y, Block *to) {
+static void put_auxiliaries(const Tables *p, const Linear *l, const double *values, int Y, Block *to) {
   for (int k = 0; k < p->auxiliary.arms; ++k)
     put(to, l->at.arms + p->auxiliary.arm[k], Y + p->columns + p->auxiliary.arm_of[k], p->joints.sign[p->auxiliary.arm[k]]);
   for (int k = 0; k < p->auxiliary.entries; ++k)
@@ -163,33 +163,33 @@ static void put_auxiliaries(const Problem *p, const Linear *l, const double *val
 
 /* Places q at the start (0) or at the end (1), there besides EQUAL and SPREAD, from columns Y, arms, and the beams on which
    nodes slide. */
-static void put_places(const Problem *p, const Linear *l, const double *values, int end, Block *to) {
+static void put_places(const Tables *p, const Work *w, const Linear *l, const double *values, int end, Block *to) {
   int Y = end ? l->at.Y1 : l->at.Y, q = end ? l->at.q1 : l->at.q;
   for (int k = end ? p->map.count : 0; k < p->map.count; ++k)
     put(to, Y + p->map.column[k], q + p->map.row[k], p->map.sign[k] * values[p->map.value[k]]);
   for (int k = 0; k < p->joints.followers; ++k)
     put(to, l->at.arms + p->joints.through[k], q + p->joints.follower[k], p->joints.sign[p->joints.through[k]]);
   for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) { /* a beam may hang on a node that slides on another one */
-    const Slider *a = p->sliders.slider + i;
-    put_place(to, p, &l->at, i, end);
+    const Slider *a = w->slider + i;
+    put_place(to, w->slider, &l->at, i, end);
     for (int c = 0; c < a->components; ++c)
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
         put(to, Y + a->carried[c], q + a->entry_row[k], a->entry_sign[k] * values[a->entry_value[k]]);
   }
 }
 
-static void put_loads(const Problem *p, const Work *w, Linear *l) {
+static void put_loads(const Tables *p, const Numbers *s, const Work *w, Linear *l) {
   for (int k = 0; k < p->loads.count; ++k) {
     double now = (1 - p->scheme.level) * w->loads[k] + p->scheme.level * w->loads[p->loads.count + k];
     for (int i = p->loads.start[k]; i < p->loads.start[k + 1]; ++i) {
       int to = l->at.r + p->loads.dof[i];
-      put(l->of + FORCED, l->at.loads + k, to, (p->scheme.level - 1) * p->loads.force[i]);
-      put(l->of + FORCED, l->at.loads + p->loads.count + k, to, -p->scheme.level * p->loads.force[i]);
+      put(l->of + FORCED, l->at.loads + k, to, (p->scheme.level - 1) * s->load_force[i]);
+      put(l->of + FORCED, l->at.loads + p->loads.count + k, to, -p->scheme.level * s->load_force[i]);
       put(l->of + FORCED, l->at.columns + i, to, -now);
     }
   }
-  for (int i = 0; i < p->statics.holds; ++i)
-    put(l->of + FORCED, l->at.hold + i, HAS(COUPLED) ? l->at.R + i : l->at.r + p->statics.hold_dof[i], -1);
+  for (int i = 0; i < w->statics.holds; ++i)
+    put(l->of + FORCED, l->at.hold + i, HAS(COUPLED) ? l->at.R + i : l->at.r + w->statics.hold_dof[i], -1);
 }
 
 /* A force or an internal variable of a law of forces at points by all that it is given; returns the slopes of the next. */
@@ -208,14 +208,13 @@ static const double *put_point(const Linear *l, const PointForce *e, int numbers
   return parameter_slopes + e->parameters;
 }
 
-static void put_points(const Problem *p, const Derivatives *a, Linear *l) {
-  const PointForces *points = p->points;
+static void put_points(const Loads *loads, const PointForces *points, const Derivatives *a, Linear *l) {
   int first = l->at.points, follower_force = l->at.follower_force;
   Block *to = l->of + FORCED;
   for (int k = 0; k < points->all; first += a->numbers[k++]) {
     const PointForce *e = points->of + k;
     int n = e->size, all = n + e->internal, numbers = a->numbers[k];
-    int pushed = k >= points->external && k < points->external + p->loads.follower_forces ? follower_force : -1;
+    int pushed = k >= points->external && k < points->external + loads->follower_forces ? follower_force : -1;
     const double *slopes = a->point_slopes;
     int wide = 2 * n + e->internal + numbers + e->parameters;
     const Reversal *reversal = e->internal ? reversal_at(a, l->step, e->first_internal) : 0;
@@ -240,15 +239,15 @@ static void put_carry(Block *to, const Work *w, const Slider *a, const int *held
 }
 
 /* Tv^T r, from the forces r and the values of Tv, with those of nodes that slide and of loops. */
-static void put_rows(const Problem *p, const Work *w, Linear *l) {
-  const double *r = with_carried(p, w);
+static void put_rows(const Tables *p, const Work *w, Linear *l) {
+  const double *r = with_carried(&p->sliders, w);
   int R = l->at.R, map = l->at.map;
   Block *to = l->of + CARRIED;
   for (int i = 0; i < p->loops.closures; ++i)
     for (int k = p->loops.entry_start[i]; k < p->loops.entry_start[i + 1]; ++k)
       put(to, map + p->loops.entry_value[k], R + p->loops.entry_column[k], -p->loops.entry_sign[k] * w->closing[i]);
   for (int i = p->sliders.count - 1; i >= 0; --i) {
-    const Slider *a = p->sliders.slider + i;
+    const Slider *a = w->slider + i;
     int first = l->at.held + 3 * i, held[] = {first, first + 1, first + 2};
     for (int c = 0; c < a->components; ++c) {
       put(to, R + a->carried[c], held[c], 1);
@@ -261,11 +260,11 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
 }
 
 /* Forces on auxiliary unknowns, which pass them on. */
-static void put_forces_on_auxiliaries(const Problem *p, const Work *w, Linear *l) {
+static void put_forces_on_auxiliaries(const Tables *p, const Work *w, Linear *l) {
   double *auxiliary_forces = w->columns;
   if (!p->auxiliary.count) return;
   memset(auxiliary_forces, 0, (p->columns + p->auxiliary.count) * sizeof(double));
-  add_rows(p, w, with_carried(p, w), auxiliary_forces), add_closing(p, w, auxiliary_forces);
+  add_rows(&p->map, w, with_carried(&p->sliders, w), auxiliary_forces), add_closing(&p->loops, w, auxiliary_forces);
   collect_auxiliaries(p, w->virtual_map, auxiliary_forces);
   for (int k = p->auxiliary.entries - 1; k >= 0; --k) {
     int auxiliary = p->columns + p->auxiliary.of[k], value = p->auxiliary.value[k], to = l->at.R + p->auxiliary.column[k];
@@ -275,7 +274,7 @@ static void put_forces_on_auxiliaries(const Problem *p, const Work *w, Linear *l
 }
 
 /* Closures of loops at the start (0) or at the end (1), less the arms of the joints; with `numbers` also by those of gears. */
-static void put_closures(const Problem *p, const Work *w, const Linear *l, int end, int numbers, Block *to) {
+static void put_closures(const Tables *p, const Numbers *s, const Work *w, const Linear *l, int end, int numbers, Block *to) {
   int Y = end ? l->at.Y1 : l->at.Y, q = end ? l->at.q1 : l->at.q;
   const double *values = end ? w->values : w->values0;
   for (int k = 0; k < p->loops.closures; ++k) {
@@ -288,18 +287,18 @@ static void put_closures(const Problem *p, const Work *w, const Linear *l, int e
   }
   for (int t = 0; t < p->gears.count; ++t) {
     int j = p->gears.joint[t], closure = l->at.closures + p->gears.closure[t], gear = l->at.gears + t / 2 * 3;
-    double weight = weight_of_term(p, t);
+    double weight = weight_of_term(s, t);
     put(to, in(q, p->gears.b[t]), closure, weight), put(to, in(q, p->gears.a[t]), closure, -weight);
     if (j >= 0) put(to, in(Y, p->joints.slide_column[j]), closure, weight);
     if (!numbers) continue;
-    double motion = term_motion(p, t, p->state.q, j < 0 ? 0 : p->state.slides[p->joints.number[j]]);
-    if (end) motion += term_motion(p, t, w->D, j < 0 ? 0 : at(w->z, p->joints.slide_column[j]));
+    double motion = term_motion(&p->gears, t, w->state.q, j < 0 ? 0 : w->state.slides[p->joints.number[j]]);
+    if (end) motion += term_motion(&p->gears, t, w->D, j < 0 ? 0 : at(w->z, p->joints.slide_column[j]));
     put(to, gear + t % 2, closure, motion), put(to, gear + 2, closure, t % 2 - 1);
   }
 }
 
 /* The forces that close loops on columns and nodes, and on the beams of nodes that slide there. */
-static void put_closing(const Problem *p, const Work *w, Linear *l) {
+static void put_closing(const Tables *p, const Work *w, Linear *l) {
   Block *to = l->of + CLOSED;
   for (int i = 0; i < p->loops.closures; ++i) {
     int closing = l->at.closing + i;
@@ -310,13 +309,13 @@ static void put_closing(const Problem *p, const Work *w, Linear *l) {
       put(to, closing, l->at.pushed + p->loops.entry_column[k], -p->loops.entry_sign[k] * w->virtual_map[p->loops.entry_value[k]]);
   }
   for (int t = 0; t < p->gears.count; ++t) {
-    int value = value_of_term(p, t), i = p->gears.closure[t];
+    int value = value_of_term(&p->joints, t), i = p->gears.closure[t];
     for (int is_a = 0; is_a < 2; ++is_a) {
       int moment = in(l->at.r, is_a ? p->gears.a[t] : p->gears.b[t]), sign = is_a ? 1 : -1;
       put(to, l->at.closing + i, moment, sign * w->virtual_map[value]), put(to, l->at.map + value, moment, sign * w->closing[i]);
     }
   }
-  for (const Slider *a = p->sliders.slider + p->sliders.count - 1; p->loops.carried && a >= p->sliders.slider; --a) {
+  for (const Slider *a = w->slider + p->sliders.count - 1; p->loops.carried && a >= w->slider; --a) {
     int held[3];
     for (int c = 0; c < a->components; ++c) held[c] = l->at.pushed + a->carried[c];
     put_carry(to, w, a, held, l->at.carried);
@@ -324,18 +323,18 @@ static void put_closing(const Problem *p, const Work *w, Linear *l) {
   for (int i = 0; p->loops.carried && i < p->dofs; ++i) put(to, l->at.carried + i, l->at.r + i, 1);
 }
 
-static void put_passes(const Problem *p, Linear *l, int first, int end) {
+static void put_passes(const Passes *passes, Linear *l, int first, int end) {
   for (int k = first; k < end; ++k) {
-    put(l->of + JOINED, l->at.r + p->passes.dof[k], l->at.forces + p->passes.of[k], p->passes.sign[k]);
-    put(l->of + JOINED, l->at.r + p->passes.dof[k], in(l->at.r, p->passes.to[k]), 1);
+    put(l->of + JOINED, l->at.r + passes->dof[k], l->at.forces + passes->of[k], passes->sign[k]);
+    put(l->of + JOINED, l->at.r + passes->dof[k], in(l->at.r, passes->to[k]), 1);
   }
 }
 
 /* Forces of joints (find_joint_forces), and their sizes that friction follows. */
-static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
+static void put_joint_forces(const Tables *p, const Numbers *s, const Work *w, Linear *l) {
   Block *to = l->of + JOINED;
   int forces = l->at.forces, followed = l->at.followed;
-  put_passes(p, l, 0, p->passes.force_count);
+  put_passes(&p->passes, l, 0, p->passes.force_count);
   for (int k = 0; k < p->loops.closures; ++k) put(to, l->at.closing + k, forces + p->loops.force[k], 1);
   for (int j = 0; j < p->joints.count; ++j)
     for (int i = 0; i < 2; ++i) {
@@ -343,18 +342,18 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
       put(to, forces + force, turn, w->virtual_map[lever]), put(to, l->at.map + lever, turn, w->joint_forces[force]);
     }
   for (int i = 0; i < p->passes.joints; ++i) put(to, l->at.moments + i, forces + 3 * i + 2, -1);
-  put_passes(p, l, p->passes.force_count, p->passes.count);
-  for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e) {
+  put_passes(&p->passes, l, p->passes.force_count, p->passes.count);
+  for (const PointForce *e = s->points->of; e < s->points->of + s->points->all; ++e) {
     double slope[5];
     if (e->load < 0) continue;
-    double across = followed_size(e, w->joint_forces, p->state.q, w->D, p->scheme.level, slope);
+    double across = followed_size(e, w->joint_forces, w->state.q, w->D, p->scheme.level, slope);
     for (int i = 0; i < 2; ++i) put(to, forces + 3 * e->load + i, followed, slope[i]);
     put(to, in(l->at.q, e->load_turn), followed, (1 - p->scheme.level) * slope[2]);
     put(to, in(l->at.q1, e->load_turn), followed, p->scheme.level * slope[2]);
     for (int j = 0; j < p->joints.count; ++j) {
       if (p->joints.number[j] != e->load) continue;
       double d = slide_at_level(p, w, j);
-      Track track = track_of(p->joints.track[j], p->joints.axis + 2 * j, d, d);
+      Track track = track_of(p->joints.track[j], s->axis + 2 * j, d, d);
       for (int i = 0; i < 2; ++i) {
         double turned = 2 * track.bend[i] * slope[3 + i];
         for (int k = 0; k < 2; ++k) put(to, l->at.axis + 2 * j + k, followed, slope[3 + i] * track.chord_by[i][k]);
@@ -363,7 +362,7 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
       }
     }
     for (int j = 0; j < p->sliders.count; ++j) {
-      const Slider *a = p->sliders.slider + j;
+      const Slider *a = w->slider + j;
       double length = hypot(a->virtual_map[0][ARC], a->virtual_map[1][ARC]);
       for (int i = 0; a->joint == e->load && i < 2; ++i)
         put(to, l->at.axes + 2 * j + i, followed, (slope[3 + i] - across * e->load_axis[i]) / length);
@@ -373,52 +372,52 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
 }
 
 /* All laws of a sub-step that has begun, with `forces` those of joints, and for the first one of a run its start. */
-static void linearise(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int forces, int first) {
+static void linearise(const Tables *p, const Numbers *s, const Work *w, const Derivatives *a, Linear *l, int forces, int first) {
   for (int i = 0; i < BLOCKS; ++i)
     if (i != TOUCHED && !(i == FORCED && l->adds) && !l->of[i].from) l->of[i].count = 0;
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
-  put_strains(p, w, l);
-  for (int j = 0; j < p->joints.count; ++j) put_joint(p, w, a, l, first, j);
+  put_strains(&p->natural, s, w, l);
+  for (int j = 0; j < p->joints.count; ++j) put_joint(p, s, w, a, l, first, j);
   put_gears(p, w, l);
   for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) {
-    for (int end = 0; end < 2; ++end) put_weights_at(l->of + WEIGHED, p, &l->at, i, end);
-    if (first) put_weights_at(l->of + BEGUN, p, &l->at, i, 0);
-    put_slide(l->of + SLID, p, &l->at, i);
+    for (int end = 0; end < 2; ++end) put_weights_at(l->of + WEIGHED, w->slider, &l->at, i, end);
+    if (first) put_weights_at(l->of + BEGUN, w->slider, &l->at, i, 0);
+    put_slide(l->of + SLID, w->slider, &l->at, i);
   }
-  put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
-  put_loads(p, w, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l);
-  put_closures(p, w, l, 1, 1, l->of + MAPPED);
+  put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, w, l, w->values, 1, l->of + PLACED);
+  put_loads(p, s, w, l), put_points(&p->loads, s->points, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l);
+  put_closures(p, s, w, l, 1, 1, l->of + MAPPED);
   if (first) {
-    put_auxiliaries(p, l, w->values0, l->at.Y, l->of + BEGUN), put_places(p, l, w->values0, 0, l->of + BEGUN);
-    if (a->unknown_slopes) put_closures(p, w, l, 0, 1, l->of + BEGUN);
+    put_auxiliaries(p, l, w->values0, l->at.Y, l->of + BEGUN), put_places(p, w, l, w->values0, 0, l->of + BEGUN);
+    if (a->unknown_slopes) put_closures(p, s, w, l, 0, 1, l->of + BEGUN);
   }
   forces |= p->at_points.friction_follows;
   if (forces || a->unknown_slopes) put_closing(p, w, l);
-  if (forces && p->passes.joints) find_joint_forces(p, w), put_joint_forces(p, w, l);
+  if (forces && p->passes.joints) find_joint_forces(p, s->points, w), put_joint_forces(p, s, w, l);
 }
 
 /* Factors for right sides in several directions; returns 0 if the tangent is singular. */
-static int factorise_for_directions(Problem *p, const Work *w) {
+static int factorise_for_directions(const Tables *p, const PointForces *points, Work *w) {
   memset(w->y, 0, p->system.positions * sizeof(double));
-  for (int i = 0; i < p->system.positions; ++i) reach(p, w, i);
-  p->newton.raised = !factorise_tangent(p, w, 1);
-  return !p->newton.raised || solve_raised(p, w, 0, 0);
+  for (int i = 0; i < p->system.positions; ++i) reach(&p->border, w, i);
+  w->newton.raised = !factorise_tangent(p, points, w, 1);
+  return !w->newton.raised || solve_raised(p, points, w, 0, 0);
 }
 
 /* Solves for the right sides of the block, by the tangent's factors. */
-static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
+static void solve_right_sides(const Tables *p, const PointForces *points, const Work *w, const Linear *l) {
   Work block_work = *w;
   double *x = block_work.block = (double *)l->block, *g = (double *)l->bordering_solutions;
   int inside = HAS(SLIDERS) && p->border.inside;
-  if (inside) pass_on(p, GROUP_SIZE, 0, x, g);
-  if (p->newton.raised) solve_raised(p, w, GROUP_SIZE, x); else solve_columns(p, &block_work, 1);
+  if (inside) pass_on(p, &w->factors, GROUP_SIZE, 0, x, g);
+  if (w->newton.raised) solve_raised(p, points, w, GROUP_SIZE, x); else solve_columns(p, &block_work, 1);
   if (!HAS(SLIDERS) || !p->border.rows) return;
   if (!inside) {
     memset(g, 0, p->border.rows * sizeof(Changes));
-    pass_on(p, GROUP_SIZE, 0, x, g);
+    pass_on(p, &w->factors, GROUP_SIZE, 0, x, g);
     solve_bordering_rows(p, w, GROUP_SIZE, g, x);
   }
-  pass_on(p, GROUP_SIZE, 1, x, g);
+  pass_on(p, &w->factors, GROUP_SIZE, 1, x, g);
 }
 
 /* Adds a share of the changes of a state or of forces, of `count` directions from the `first` on, to a row. */
@@ -430,8 +429,8 @@ static void add_changes(const Derivatives *a, const RowsOfRun *run, long k, doub
 }
 
 /* The right sides of the block, from rows, or from forces where nothing is COUPLED. */
-static void set_right_sides(const Problem *p, const Layout *at, const Changes *x, Changes *block) {
-  const int *order = p->system.order, *column = p->map.column;
+static void set_right_sides(const Tables *p, const Factors *factors, const Layout *at, const Changes *x, Changes *block) {
+  const int *order = factors->order, *column = p->map.column;
   memset(block, 0, p->system.positions * sizeof(Changes));
   for (int i = 0; HAS(COUPLED) && i < p->free; ++i) block[order[i]] = x[at->R + i];
   for (int i = 0; !HAS(COUPLED) && i < p->dofs; ++i)

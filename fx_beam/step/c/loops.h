@@ -11,8 +11,8 @@ enum { CLOSINGS = 30 };
 static const double LEAST_PIVOT = 1e-6;
 
 /* Derivatives by columns of nodes on beams, by those of the beams and slides. */
-static void derive_by_beams(const Problem *p, const Work *w, const double *values, double *row) {
-  for (const Slider *a = p->sliders.slider + p->sliders.count - 1; a >= p->sliders.slider && p->sliders.count; --a)
+static void derive_by_beams(const Sliders *sliders, const Work *w, const double *values, double *row) {
+  for (const Slider *a = w->slider + sliders->count - 1; a >= w->slider && sliders->count; --a)
     for (int c = 0; c < a->components; ++c) {
       const double *T = values == w->virtual_map ? a->virtual_map[c] : a->T[c];
       double slope = row[a->carried[c]];
@@ -27,14 +27,14 @@ static void derive_by_beams(const Problem *p, const Work *w, const double *value
 }
 
 /* Derivatives G of the closures by the loops' columns, in compressed rows, for values of T or Tv. */
-static void derive_closures(const Problem *p, const Work *w, const double *values, double *G) {
+static void derive_closures(const Tables *p, const Work *w, const double *values, double *G) {
   double *row = w->closure_row;
   for (int i = 0; i < p->loops.closures; ++i) {
     int first = p->loops.entry_start[i], end = p->loops.entry_start[i + 1];
     int first_auxiliary = p->loops.auxiliary_start[i], last_auxiliary = p->loops.auxiliary_start[i + 1];
     for (int k = first; k < end; ++k)
       row[p->loops.entry_column[k]] += p->loops.entry_sign[k] * values[p->loops.entry_value[k]];
-    if (HAS(SLIDERS) && p->loops.carried) derive_by_beams(p, w, values, row);
+    if (HAS(SLIDERS) && p->loops.carried) derive_by_beams(&p->sliders, w, values, row);
     for (int k = first_auxiliary; k < last_auxiliary; ++k) {
       int t = p->loops.auxiliary[k];
       double auxiliary_slope = row[p->columns + p->auxiliary.of[t]];
@@ -149,7 +149,7 @@ static void make_room(PivotRows *rows, long used, long more) {
 
 /* Chooses the unknowns of a block that follow: of each row of G the largest entry, after those before are eliminated. Returns the
    least of these relative to the largest entry of G, or 0. */
-static double choose_in_block(const Problem *p, const Work *w, int begin, int m, SparseRow *row, PivotRows *rows) {
+static double choose_in_block(const Tables *p, const Work *w, int begin, int m, SparseRow *row, PivotRows *rows) {
   double most = 0, least = HUGE_VAL;
   int *row_start = w->pivot_row;
   for (int i = row_start[0] = 0; i < m; ++i) {
@@ -176,13 +176,13 @@ static double choose_in_block(const Problem *p, const Work *w, int begin, int m,
     row_start[i + 1] = row_start[i] + take_row(row, column < 0 ? 0 : column, rows->number + row_start[i], rows->column + row_start[i]);
     if (column < 0) return 0;
     least = fmin(least, size * length);
-    p->loops.following[begin + i] = column, w->follows[column] = i;
+    w->following[begin + i] = column, w->follows[column] = i;
   }
   return least / most; /* of all: it must not depend on the order of closures */
 }
 
 /* Chooses the unknowns that follow, block by block; returns 0 in a singular position. */
-static int choose_following(const Problem *p, const Work *w) {
+static int choose_following(const Tables *p, const Work *w) {
   SparseRow row = {w->closure_row, 0, w->touched, w->touched + p->loops.columns};
   PivotRows rows = {w->pivoting, 0, w->pivot_column, p->loops.pivoting_size};
   int regular = 1;
@@ -194,7 +194,7 @@ static int choose_following(const Problem *p, const Work *w) {
     /* In the order of their columns, near to the diagonal. */
     int *lower = w->band + 2 * b, *upper = lower + 1;
     for (int j = p->loops.block_column[b], k = begin; j < p->loops.block_column[b + 1]; ++j)
-      if (w->follows[j] >= 0) p->loops.following[k] = j, w->follows[j] = k++;
+      if (w->follows[j] >= 0) w->following[k] = j, w->follows[j] = k++;
     *lower = *upper = 0;
     for (int i = begin; i < end; ++i)
       for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k) {
@@ -209,34 +209,34 @@ static int choose_following(const Problem *p, const Work *w) {
 }
 
 /* Rows of a block of closures, or of their transpose, by the unknowns that follow. */
-static BandRows rows_of_block(const Problem *p, const Work *w, int block, int transposed) {
-  const int *band = w->band + 2 * block, *begin = p->loops.block_closure + block;
+static BandRows rows_of_block(const Loops *loops, const Work *w, int block, int transposed) {
+  const int *band = w->band + 2 * block, *begin = loops->block_closure + block;
   return band_rows(begin[1] - begin[0], band[transposed], band[!transposed]);
 }
 
 /* LU factors of the part of G that belongs to the unknowns that follow, or of its transpose, block by block. */
-static void factorise_closures(const Problem *p, const Work *w, const double *G, int transposed) {
-  for (int b = 0; b < p->loops.blocks; ++b) {
-    BandRows rows = rows_of_block(p, w, b, transposed);
-    int begin = p->loops.block_closure[b];
-    double *A = w->part + transposed * p->loops.block_part[p->loops.blocks] + p->loops.block_part[b];
+static void factorise_closures(const Loops *loops, const Work *w, const double *G, int transposed) {
+  for (int b = 0; b < loops->blocks; ++b) {
+    BandRows rows = rows_of_block(loops, w, b, transposed);
+    int begin = loops->block_closure[b];
+    double *A = w->part + transposed * loops->block_part[loops->blocks] + loops->block_part[b];
     memset(A, 0, rows.size * sizeof(double));
     for (int i = 0; i < rows.n; ++i)
-      for (int k = p->loops.start[begin + i]; k < p->loops.start[begin + i + 1]; ++k) {
-        int j = w->follows[p->loops.near[k]] - begin, row = transposed ? j : i, column = transposed ? i : j;
-        if (w->follows[p->loops.near[k]] >= 0) A[rows.shift + row * rows.stride + column] = G[k];
+      for (int k = loops->start[begin + i]; k < loops->start[begin + i + 1]; ++k) {
+        int j = w->follows[loops->near[k]] - begin, row = transposed ? j : i, column = transposed ? i : j;
+        if (w->follows[loops->near[k]] >= 0) A[rows.shift + row * rows.stride + column] = G[k];
       }
-    factorise_band(&rows, A, w->exchanged + transposed * p->loops.closures + begin);
+    factorise_band(&rows, A, w->exchanged + transposed * loops->closures + begin);
   }
 }
 
 /* Solves for the unknowns that follow, in the place of one or GROUP_SIZE right sides x. */
-HOT void solve_closures(const Problem *p, const Work *w, int sides, int transposed, double *x) {
-  const int *exchanged = w->exchanged + transposed * p->loops.closures;
-  for (int b = 0; b < p->loops.blocks; ++b) {
-    BandRows rows = rows_of_block(p, w, b, transposed);
-    int begin = p->loops.block_closure[b];
-    const double *factors = w->part + transposed * p->loops.block_part[p->loops.blocks] + p->loops.block_part[b];
+HOT void solve_closures(const Loops *loops, const Work *w, int sides, int transposed, double *x) {
+  const int *exchanged = w->exchanged + transposed * loops->closures;
+  for (int b = 0; b < loops->blocks; ++b) {
+    BandRows rows = rows_of_block(loops, w, b, transposed);
+    int begin = loops->block_closure[b];
+    const double *factors = w->part + transposed * loops->block_part[loops->blocks] + loops->block_part[b];
     solve_band_rows(sides, &rows, factors, exchanged + begin, x + begin * sides);
   }
 }
@@ -245,57 +245,58 @@ HOT void solve_closures(const Problem *p, const Work *w, int sides, int transpos
 static inline Two arm_of(const double *values, int j) { return (Two){values[4 * j + 2], -values[4 * j + 1]}; }
 
 /* Of term t of gears the number of its value, its weight, and the rotation or slide for nodal values u and a slide of its joint. */
-static inline int value_of_term(const Problem *p, int t) { return 1 + 4 * p->joints.count + t; }
-static inline double weight_of_term(const Problem *p, int t) { return p->gears.numbers[t / 2 * 3 + t % 2]; }
-static inline double term_motion(const Problem *p, int t, const double *u, double slide) {
-  return p->gears.joint[t] < 0 ? at(u, p->gears.b[t]) - at(u, p->gears.a[t]) : slide;
+static inline int value_of_term(const Joints *joints, int t) { return 1 + 4 * joints->count + t; }
+static inline double weight_of_term(const Numbers *s, int t) { return s->gears[t / 2 * 3 + t % 2]; }
+static inline double term_motion(const Gears *gears, int t, const double *u, double slide) {
+  return gears->joint[t] < 0 ? at(u, gears->b[t]) - at(u, gears->a[t]) : slide;
 }
 
 /* x = Dpsi_b / 2 - Dpsi_a / 2 of a term in a step, and both halves. */
-static inline double half_turns_of_term(const Problem *p, const Work *w, int t, double half[2]) {
-  half[0] = at(w->D, p->gears.b[t]) / 2, half[1] = at(w->D, p->gears.a[t]) / 2;
+static inline double half_turns_of_term(const Gears *gears, const Work *w, int t, double half[2]) {
+  half[0] = at(w->D, gears->b[t]) / 2, half[1] = at(w->D, gears->a[t]) / 2;
   return half[0] - half[1];
 }
 
 /* Whether couples of a term do work on 2 tan(Dpsi / 2). */
-static inline int bends(const Problem *p, int t) { return p->scheme.rule == 0 && p->gears.joint[t] < 0; }
+static inline int bends(const Tables *p, int t) { return p->scheme.rule == 0 && p->gears.joint[t] < 0; }
 
 /* Values of T and Tv of gears: virtual rotations are those of couples times (Dpsi_b - Dpsi_a) / (Dtheta_b - Dtheta_a), which is
    x / sin(x) cos(Dpsi_a / 2) cos(Dpsi_b / 2), so that gears do no work. */
-static void turn_gears(const Problem *p, const Work *w) {
+static void turn_gears(const Tables *p, const Numbers *s, const Work *w) {
   double half[2];
   for (int t = 0; t < p->gears.count; ++t) {
-    double x = half_turns_of_term(p, w, t, half), weight = weight_of_term(p, t);
-    w->values[value_of_term(p, t)] = weight;
-    w->virtual_map[value_of_term(p, t)] = weight * (bends(p, t) ? over_sine(x) * cos(half[0]) * cos(half[1]) : 1);
+    double x = half_turns_of_term(&p->gears, w, t, half), weight = weight_of_term(s, t);
+    w->values[value_of_term(&p->joints, t)] = weight;
+    w->virtual_map[value_of_term(&p->joints, t)] = weight * (bends(p, t) ? over_sine(x) * cos(half[0]) * cos(half[1]) : 1);
   }
 }
 
 /* Derivative of a value of Tv by the increment of the rotation of b (0) or a (1). */
-static double slope_of_term(const Problem *p, const Work *w, int t, int is_a) {
-  double half[2], x = half_turns_of_term(p, w, t, half), along = over_sine_slope(x) / over_sine(x);
-  return bends(p, t) ? w->virtual_map[value_of_term(p, t)] * ((is_a ? -along : along) - tan(half[is_a])) / 2 : 0;
+static double slope_of_term(const Tables *p, const Work *w, int t, int is_a) {
+  double half[2], x = half_turns_of_term(&p->gears, w, t, half), along = over_sine_slope(x) / over_sine(x);
+  return bends(p, t) ? w->virtual_map[value_of_term(&p->joints, t)] * ((is_a ? -along : along) - tan(half[is_a])) / 2 : 0;
 }
 
 /* Closures of displacements, less the changes of the joints' arms, with those before if there are any, and of gears. */
-static void find_closures(const Problem *p, const Work *w, const double *u, const double *before, double *closure) {
+static void find_closures(const Tables *p, const Numbers *s, const Work *w, const double *u, const double *before,
+                          double *closure) {
   for (int k = 0; k < p->loops.closures; ++k) {
     closure[k] = at(u, p->loops.b[k]) - at(u, p->loops.a[k]) - at(w->arm_change, p->loops.arm[k]);
     if (before) closure[k] += before[k];
   }
   for (int t = 0; t < p->gears.count; ++t) {
     int j = p->gears.joint[t], k = p->gears.closure[t];
-    double slide = j < 0 ? 0 : before ? at(w->z, p->joints.slide_column[j]) : p->state.slides[p->joints.number[j]];
-    closure[k] += weight_of_term(p, t) * term_motion(p, t, u, slide) - (before || t % 2 ? 0 : p->gears.numbers[t / 2 * 3 + 2]);
+    double slide = j < 0 ? 0 : before ? at(w->z, p->joints.slide_column[j]) : w->state.slides[p->joints.number[j]];
+    closure[k] += weight_of_term(s, t) * term_motion(&p->gears, t, u, slide) - (before || t % 2 ? 0 : s->gears[t / 2 * 3 + 2]);
   }
 }
 
 /* Start of a step: its closures, and the unknowns that follow; returns 0 in a singular position. */
-static int begin_loops(const Problem *p, const Work *w) {
+static int begin_loops(const Tables *p, const Numbers *s, const Work *w) {
   if (!HAS(LOOPS) || !p->loops.closures) return 1;
   for (int j = 0; j < p->joints.count; ++j)
     *(Two *)(w->arm_change + 2 * j) = arm_of(w->values0, j) - pair(p->loops.arm_at_rest + 2 * j);
-  find_closures(p, w, p->state.q, 0, w->closure0);
+  find_closures(p, s, w, w->state.q, 0, w->closure0);
   if (HAS(SLIDERS) && p->loops.carried) begin_sliders(p, w);
   derive_closures(p, w, w->values0, w->G);
   return choose_following(p, w);
@@ -303,61 +304,61 @@ static int begin_loops(const Problem *p, const Work *w) {
 
 /* The derivatives of the closures at an increment, for which the unknowns that follow are corrected. Returns whether they are
    closed. */
-static int correct_loops(const Problem *p, const Work *w, double *last) {
+static int correct_loops(const Tables *p, const Numbers *s, const Work *w, double *last) {
   int m = p->loops.closures;
   double *closure = w->closure, size;
   derive_closures(p, w, w->values, w->G);
-  factorise_closures(p, w, w->G, 0);
-  find_closures(p, w, w->D, w->closure0, closure);
+  factorise_closures(&p->loops, w, w->G, 0);
+  find_closures(p, s, w, w->D, w->closure0, closure);
   size = largest(m, closure, p->loops.length);
   if (size <= p->loops.closed || (*last < size && size <= 1e3 * p->loops.closed)) return 1;
   *last = size;
-  solve_closures(p, w, 1, 0, closure);
-  for (int k = 0; k < m; ++k) w->z[p->loops.column[p->loops.following[k]]] -= closure[k];
+  solve_closures(&p->loops, w, 1, 0, closure);
+  for (int k = 0; k < m; ++k) w->z[p->loops.column[w->following[k]]] -= closure[k];
   return 0;
 }
 
 /* Small changes of the unknowns that follow. */
-static void complete(const Problem *p, const Work *w, double *z) {
-  for (int k = 0; k < p->loops.closures; ++k) z[p->loops.column[p->loops.following[k]]] = 0;
-  for (int i = 0; i < p->loops.closures; ++i) {
+static void complete(const Loops *loops, const Work *w, double *z) {
+  for (int k = 0; k < loops->closures; ++k) z[loops->column[w->following[k]]] = 0;
+  for (int i = 0; i < loops->closures; ++i) {
     w->closure[i] = 0;
-    for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k)
-      w->closure[i] += w->G[k] * z[p->loops.column[p->loops.near[k]]];
+    for (int k = loops->start[i]; k < loops->start[i + 1]; ++k)
+      w->closure[i] += w->G[k] * z[loops->column[loops->near[k]]];
   }
-  solve_closures(p, w, 1, 0, w->closure);
-  for (int k = 0; k < p->loops.closures; ++k) z[p->loops.column[p->loops.following[k]]] = -w->closure[k];
+  solve_closures(loops, w, 1, 0, w->closure);
+  for (int k = 0; k < loops->closures; ++k) z[loops->column[w->following[k]]] = -w->closure[k];
 }
 
 /* Forces of the closing joints, those that leave no residual of the unknowns that follow. */
-static void close_residual(const Problem *p, const Work *w, double *R) {
-  for (int k = 0; k < p->loops.closures; ++k) w->closing[k] = R[p->loops.column[p->loops.following[k]]];
-  solve_closures(p, w, 1, 1, w->closing);
-  for (int i = 0; i < p->loops.closures; ++i)
-    for (int k = p->loops.start[i]; k < p->loops.start[i + 1]; ++k)
-      R[p->loops.column[p->loops.near[k]]] -= w->G_virtual[k] * w->closing[i];
-  for (int k = 0; k < p->loops.closures; ++k) R[p->loops.column[p->loops.following[k]]] = 0;
+static void close_residual(const Loops *loops, const Work *w, double *R) {
+  for (int k = 0; k < loops->closures; ++k) w->closing[k] = R[loops->column[w->following[k]]];
+  solve_closures(loops, w, 1, 1, w->closing);
+  for (int i = 0; i < loops->closures; ++i)
+    for (int k = loops->start[i]; k < loops->start[i + 1]; ++k)
+      R[loops->column[loops->near[k]]] -= w->G_virtual[k] * w->closing[i];
+  for (int k = 0; k < loops->closures; ++k) R[loops->column[w->following[k]]] = 0;
 }
 
 /* Adds the forces of the closing joints on columns. */
-static void add_closing(const Problem *p, const Work *w, double *out) {
-  for (int i = 0; i < p->loops.closures; ++i)
-    for (int k = p->loops.entry_start[i]; k < p->loops.entry_start[i + 1]; ++k)
-      out[p->loops.entry_column[k]] -= p->loops.entry_sign[k] * w->virtual_map[p->loops.entry_value[k]] * w->closing[i];
+static void add_closing(const Loops *loops, const Work *w, double *out) {
+  for (int i = 0; i < loops->closures; ++i)
+    for (int k = loops->entry_start[i]; k < loops->entry_start[i + 1]; ++k)
+      out[loops->entry_column[k]] -= loops->entry_sign[k] * w->virtual_map[loops->entry_value[k]] * w->closing[i];
 }
 
 /* Forces with those of nodes on beams, to which loops add, after `close_residual` of r. */
-static void carry_in_loops(const Problem *p, const Work *w, const double *r) {
+static void carry_in_loops(const Tables *p, const PointForces *points, const Work *w, const double *r) {
   memset(w->columns, 0, (p->columns + p->auxiliary.count) * sizeof(double));
-  push_columns(p, w->columns), add_closing(p, w, w->columns);
+  push_columns(points, w->columns), add_closing(&p->loops, w, w->columns);
   load_beams(p, w, r, w->columns);
 }
 
 /* The stiffness of closures as lengths, by the size of the tangent. It does no work where they are closed, and keeps the
    tangent of open loops regular, also without what borders it. */
-static double stiffness_of_closures(const Problem *p, const double *K) {
+static double stiffness_of_closures(const Loops *loops, const double *K) {
   double stiff = 0;
-  for (int i = 0; i < p->loops.scales; ++i)
-    stiff = fmax(stiff, fabs(K[p->loops.scale_at[i]]) * p->loops.scale_unit[i] * p->loops.scale_unit[i]);
+  for (int i = 0; i < loops->scales; ++i)
+    stiff = fmax(stiff, fabs(K[loops->scale_at[i]]) * loops->scale_unit[i] * loops->scale_unit[i]);
   return stiff;
 }

@@ -48,8 +48,8 @@ static void put_contact_point_row(Block *b, const MemberContact *c, const Contac
 }
 
 /* The forces of all contact points, and their internal variables; sets their tangents. */
-static void put_members(Block *b, const Problem *p, const Derivatives *a, const Layout *at, long step) {
-  MemberContacts *m = p->points->members;
+static void put_members(Block *b, const PointForces *points, const Derivatives *a, const Layout *at, long step) {
+  MemberContacts *m = points->members;
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
     int n = c->sums, wide = followed_by(c), variables = e->slot < 0 ? -1 : stretch_in_slot(m, e->slot);
@@ -70,9 +70,9 @@ static void put_members(Block *b, const Problem *p, const Derivatives *a, const 
 }
 
 /* Begins a sub-step whose increment is known with all contact points in it. */
-static void settle_members(Problem *p, const Work *w) {
-  MemberContacts *m = p->points->members;
+static void settle_members(const Tables *p, const PointForces *points, Work *w) {
+  MemberContacts *m = points->members;
   for (int k = 0; k < SEARCHES_IN_STEP && fx_check_members(m, w->D) == MEMBERS_MOVED; ++k)
-    begin_points(p, w);
-  change_rows(p);
+    begin_points(p, points, w);
+  change_rows(&p->system, points, &w->factors);
 }

@@ -4,11 +4,8 @@
 
 #pragma once
 
+#include "work.h"
 #include "sparse_lu.h"
-
-/* Columns of each group before it, and behind it from the last group on, each of as many numbers as the group has rows; where
-   those of a group begin; the factors of each group itself [group][3][3]. */
-typedef struct { float *lower, *upper; int *lower_at, *upper_at; double *own; } Narrow;
 
 /* Work that threads share: with right sides b, or without for the copy. */
 typedef struct { const SparseRows *p; const Narrow *narrow; double *b; } Narrowed;

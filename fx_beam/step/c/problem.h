@@ -1,329 +1,20 @@
-/* Data of a scene for the loop, its inputs and its output. */
+/* What the loop reads and writes, its inputs and its output. There are three kinds of data:
+
+   - Tables (tables.h) say how a scene is made: its indices, couplings, layout of factors, joints, and the scheme. All scenes of one
+     structure have the same, in all their runs and threads; nothing changes them.
+   - Numbers (numbers.h) are what such scenes differ in: places, masses, loads, arms of joints, properties of beams and of forces.
+     Each run has its own. They stay as they are, but for parameters that vary, and for what forms and forces at points are given.
+   - Work (work.h) is what a run computes: its state and past, factors, counts, what Newton's method leaves behind, and room.
+
+   A Problem has all three. Functions that others call take it; those behind them take the parts that they need: `p` are the tables
+   of a program, `s` the numbers of a scene, `w` the work of a run; or one table, the state, the factors. */
 
 #pragma once
 
-#include "sparse_rows.h"
-#include "point_force.h"
-#include "slider.h"
+#include "work.h"
 
-/* Sizes of fixed arrays. */
-enum {
-  LANES = 8,        /* elements that are evaluated at once */
-  RULE_VALUES = 18, /* values of a user's rule for the rates of a node */
-  PAST = 4,         /* earlier configurations from which the predictor extrapolates; largest order of a scheme */
-  SUB_STEPS = 32,   /* most sub-steps of a scheme */
-  AVERAGED = 3,     /* differences that are averaged in a local error */
-  CORRECTIONS = 8,  /* last corrections of Newton's method whose sizes are stored */
-  GROUP_SIZE = 4    /* directions in which derivatives forwards are followed at once */
-};
-
-/* The first bordering row (bordering_rows.h) in lists of positions in the elimination; others are below it, and -1 is none. */
-enum { ON_BORDER = -2 };
-
-/* Fields that are coefficients of forms, and their number: displacements and rotations (increment in the step, and at its
-   start), their rates, accelerations and values a step earlier; internal variables; natural strains at both ends. */
-enum { INCREMENT, START, RATE, ACCELERATION, PREVIOUS, INTERNAL, NATURAL, NATURAL_END, FIELDS };
-
-/* Why a step failed. */
-enum {
-  OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED, PASSED_THROUGH, OUT_OF_LINE,
-  OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION, AMPLIFIED };
-
-/* Finds the increment of a sub-step of this length in the place of Newton's method here, and counts its iterations: the unknowns, from their predicted values
-   on, and the forces on nodes, internal ones and all (`z`, `f` and `r` of Results). Returns why it fails. */
-typedef int Find(double dt, int *iterations);
-
-/* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
-typedef struct { double last, slowest; } Sequence;
-
-/* Convergence of a step, by its corrections: their sizes, roots of their work, and how many were small, or no
-   smaller than those before. */
-typedef struct { Sequence sizes, errors; int small, stalled; } Convergence;
-
-/* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
-   for LANES elements, with entry k of lane l at [k][l]. */
-typedef void Batch(double *, const double *, const double *, const double *);
-
-/* The elements of one integral, in blocks of LANES. The last block is padded with copies of the last
-   element. Their results are added behind the end of the vector or matrix, where they are not used;
-   each lane has its own index there, so that additions do not wait for each other. */
-typedef struct {
-  Batch *batch; int cells;
-  /* [block][..][lane]: the first degree of freedom of each node, where it is read and added to; of pairs of degrees of freedom of
-     a cell indices in the tangent; of internal variables and natural strains those in the ones of all cells; coordinates x and y of
-     each place. Coefficients that do not move: blocks with equal ones share them, so that each has its number among those stored. */
-  int *dofs, *to, *stored_at, *internal, *natural, *data_at; double *coordinates, *data;
-  /* In a chain instead, for pairs of nodes with entries in three rows of a group: [block][row's node, column's node][lane] index
-     of the first. Other entries: where those of each block begin, their indices among the element tensors, and in the tangent. */
-  int *run, *single_start, *single_from, *single_to;
-  /* Of a large scene colours, with the pieces of so many blocks that each has, which have no node in common: threads share them. */
-  int colours, *colour_start, *piece;
-} Integral;
-
-enum { PIECE = 16 };
-
-/* Compiled forms that are evaluated together: one integral for each law. Which field each of the `moving` coefficients is, and where
-   it begins among those of an element, `width` in all; where each of those that do not move is among these.
-   Indices among the constants, or -1, that of the first parameter last; which ones of the scene the parameters are. */
-typedef struct {
-  int integrals, width; Integral *of;
-  int moving, *kind, *offset, data_width, *data_column; double *constants;
-  int time_at, dt_at, memory_at, parameters_at, parameters, *parameter;
-} Form;
-
-/* Sparse factors that serve several steps (reused_factors.h). */
-typedef struct {
-  int worth;           /* substitutions that cost as much as a factorisation; 0: factors serve one iteration */
-  int present, made;   /* whether there are factors; how many have been made */
-  int exact;           /* whether to make new ones in each iteration, after a failure */
-  int narrow;          /* whether their narrow copy serves (narrow_factors.h) */
-  int steps, all, now; /* since they were made: steps, and substitutions in these; substitutions in this step */
-  double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
-} ReusedFactors;
-
-/* A term of contact in an entry of the linear system: a sign times an entry of the 10 x 10 tangent of a contact point, a value of
-   Tv and a value of T. `row` and `column` are of unknowns, or bordering rows; `at` is the position among the factors, or -1. */
-typedef struct { short entry, sign; int contact_point, row, column, virtual_value, value, at; } ContactPair;
-
-/* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): the elimination from which they are
-   found; entries of T and Tv of each degree of freedom; whether factors may be kept, and the costs of lu_layout.py; number of the
-   search for contact points for which the rows are, and first nodes of the windows of what slides; whether positions among the
-   factors are those of the transposed tangent, -1 before there are any; pairs of all contact points, or of what slides: whether
-   they are being found, and the next one. */
-typedef struct {
-  Elimination elimination;
-  int *dof_start, *dof_column, *dof_value; double *dof_sign;
-  int keep; double row_entry, substitution, least_worth;
-  long searches; int *window, placed, pairs, room, finds, next; ContactPair *pair;
-} ChangingRows;
-
-/* Nodes and elements of the beams: positions [node][x, y]; 1 / size of a unit correction of each degree of freedom, and the same
-   for errors of steps; degrees of freedom without mass; how many threads share the elements. */
-typedef struct {
-  int nodes, cell_dofs, cell_coordinates, massless_count, *massless, threads;
-  double *position, *per_unit, *per_error;
-} Mesh;
-
-/* Forms of the beams: internal forces and drag, each with its tangent; energies lost to drag, to the material and to the scheme,
-   and held by it, also at the start with the parameters of the step; increments of the internal variables, each times the weight
-   of its point; work of natural strains that change. */
-typedef struct {
-  Form internal_forces, energy, inversion, added, drag, lost_to_drag, lost, taken, held_by_scheme, held_before, evolution, actuated;
-  int has_added;
-} Forms;
-
-/* Internal variables of beams, with a factor for each of a cell. */
-typedef struct { int per_cell; double *per_weight; } Internal;
-
-/* Natural strains: their number, and those of a cell; strains of unit ones, in compressed rows. */
-typedef struct { int count, per_cell, *start, *at; double *value; } Natural;
-
-/* Forces of unit loads, in compressed rows, and the weight of all nodes; number of follower forces, the first external ones. */
-typedef struct { int count, *start, *dof; double *force; double *weight; int follower_forces; } Loads;
-
-/* The full tangent in compressed rows; `stored_at` has the storage index of each value. Entries that are
-   entries of the reduced tangent share its storage; the others are behind it. */
-typedef struct {
-  int stored;            /* number of values */
-  int *row_start, *column_of, *stored_at;
-  int reacting, *reacts; /* rows with forces of supports and joints */
-} Tangent;
-
-/* The mass matrix, in compressed rows of nodes: the first degree of freedom of each column's node; mass, the same, and
-   rotary inertia of each pair of nodes, with a number behind all; where the tangent has these [pair][3]. */
-typedef struct { int *start, *dof, *stored_at; double *value; } Mass;
-
-/* Displacements and rotations x = g(z) of the columns z, which are unknowns, then driven and fixed ones, with T = dg/dz, and
-   Tv for virtual displacements. Each entry of both is a sign times one of the values of the joints: number 0 is the constant 1,
-   and joint j has those from 1 + 4 j on. */
-typedef struct {
-  int count, *row, *column, *value; double *sign;
-  int equal;            /* number of the first entries, which are 1: all, one of each row in turn, where nothing is COUPLED */
-} Map;
-
-/* Joints whose arms depend on the motion: rotations of the carrier and of the node it carries (-1: ground), column of the
-   slide (-1: none), number among all joints, kind of Track; offset and axis in the frame of the carrier; signs of the arm's
-   components in what they move. */
-typedef struct {
-  int count, *carrier, *carried_node, *slide_column, *number, *track; double *offset, *axis, *sign;
-  int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
-} Joints;
-
-/* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (graph.py). Each
-   is a sum of entries of T, and of arms. */
-typedef struct { int count, entries, arms; int *of, *column, *value, *arm_of, *arm; double *sign; } Auxiliary;
-
-/* Nodes that slide on beams, and numbers of their paths (scene/beam_axis.py). */
-typedef struct { int count, path_numbers; Slider *slider; } Sliders;
-
-/* The reduced tangent, in an order with little fill-in: as a chain, as a band, or in sparse rows. Unknowns, with two of each
-   auxiliary one, itself and its force, and forces that close loops; the position of each in the elimination; half bandwidth, 0 for
-   sparse rows; groups of three unknowns in a row (chain.h), 0 if they are more entangled; positions, more than unknowns where
-   groups of a chain have fewer than three; entries that are 1: diagonals of these and of auxiliary unknowns, and another one. */
-typedef struct {
-  int unknowns, *order, band, chain, positions, paddings, *padding;
-  /* Sparse rows of factors, besides which the tangent is stored, in compressed rows of the unknowns: `factor_at` has the
-     position of each of its values among the factors. Where the pattern changes, `rows` are those of `changing`, which sets
-     `order` and `factor_at`, too. */
-  SparseRows *rows; int *tangent_start, *tangent_column, *factor_at; ChangingRows *changing; ReusedFactors reused;
-  /* Of each column of the scene the row of the forces on it, and its unknown: -1 for none, or a bordering row. */
-  int *row_of, *unknown_of;
-} System;
-
-/* Entries of bordering rows and columns: these are behind the unknowns. */
-typedef struct { int count, *row, *column; double *value; } BorderEntries;
-
-/* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
-   sides; whether they are among the sparse rows, and which column is the pivot of each there. Where entries are to be listed. */
-typedef struct {
-  BorderEntries *listed;
-  int rows, carriers, block, inside, *pivot;
-  int bordered, *bordered_unknown, *bordered_row; /* unknowns of them that stand alone among the others */
-  int beside, *beside_row, *beside_column, *beside_at; /* entries of the tangent in them, and where these are stored */
-} Border;
-
-/* How the reduced tangent is made of the full one. Entries that are added as they are: */
-typedef struct { int count, *to, *from; } Direct;
-
-/* Entries times an entry of Tv and an entry of T. Entries of T and Tv of auxiliary unknowns and of closures, in equations and in
-   the balance of what their forces act on, are such products with a stored 1. From number `stiffened` on there are also products
-   of two entries of a closure with the stiffness of closures, which is stored at `stiffness_at`. */
-typedef struct { int count, *to, *from, *virtual, *value; double *sign; int stiffened, stiffness_at; } Coupled;
-
-/* Derivatives of Tv times the forces of joints: by the rotation of the carrier (kind 0 of the lever, 2 of the slide's force) or
-   by the slide (1 and 3). */
-typedef struct { int count, *to, *joint, *kind; double *sign; } Geometric;
-
-/* Closures: components of the displacements of b less a and the arm of joints that close loops, which are zero. Loops that
-   share unknowns are a block, of which the closures and columns follow each other. Columns on which closures depend, the first of
-   which are unknowns; degrees of freedom (-1: ground); arm (-1: none); joint force. */
-typedef struct {
-  int closures, blocks, columns, *b, *a, *arm, *force;
-  /* Derivatives of closures: entries of T or Tv, those of each closure from its start on; entries of auxiliary unknowns on
-     which they depend, in the order in which these are collected; which of the loops' columns they have. */
-  int *entry_start, *entry_column, *entry_value; double *entry_sign; int *auxiliary_start, *auxiliary; int *start, *near;
-  /* Columns of the scene and their units; arms in the reference; what makes lengths of closures, as some are angles; length of a
-     closed one; [blocks + 1] where each begins, the last in its factors; room for rows of an elimination in Work; [closures] the loops' columns
-     that depend on the others, chosen in each step. */
-  int *column; double *unit, *arm_at_rest, *length, closed;
-  int *block_closure, *block_column, *block_part, pivoting_size, *following;
-  /* Closures with nodes on beams, whose forces are bordering rows from `carriers` on. The stiffness of closures is from the
-     diagonals stored there, with a unit [size] of each unknown. */
-  int carried, *carried_closure, scales, *scale_at; double *scale_unit;
-} Loops;
-
-/* Gears: terms, two of each, which are a weight times the rotation of b less that of a (-1: ground), or times the slide of a moving
-   joint (-1: none), and whose sum is a closure. [gear][weight, weight, sum at rest]. Term t has the value behind those of joints. */
-typedef struct { int count, *closure, *joint, *a, *b; double *numbers; } Gears;
-
-/* Forces at points in the scene: number of their internal variables; lines between points, whose pulls are recorded; whether
-   friction follows forces of joints; where the tangent has the entries of theirs, -1 for none; rates of the slides of all joints,
-   if forces act on some. */
-typedef struct { int spring_width, lines, friction_follows; int *stored_at; double *slide_rate; } AtPoints;
-
-/* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
-   which forms and laws are evaluated, those of the state where they do not vary. */
-typedef struct { int count, vary, energies_vary; double *value; } Parameters;
-
-/* Rule for the rates: 0 mid-point, 1 Newmark. In statics a step has no rates and no inertia, and its `ratio` is
-   the load factor at its end. Sub-steps, relative to a step. */
-typedef struct {
-  int rule, at_rest, keeps_previous, sub_steps; double level, beta, gamma, alpha_m; double fractions[SUB_STEPS];
-  /* Rules of a user, of which the sub-steps take turns; where the tangent has all entries of a pair of nodes [pair][3][3]. */
-  int rules, *rule_stored_at; Law **nodal_rule;
-} Scheme;
-
-/* Of statics: holding forces on the unknowns, and the first degrees of freedom of those of which there are derivatives, with
-   their number; a viscosity on increments, with weights and positions in the tangent; a yielding of forces that close loops,
-   in rates that fit joints. */
-typedef struct {
-  double *hold; int *hold_dof; int holds; double *viscous_weight; int *diagonal_at; double viscosity, yielding;
-} Statics;
-
-/* A frame that turns: arms of the displacements in the reference, and square of its spin. */
-typedef struct { double *arm; double spin_squared; } Frame;
-
-/* Newton's method: largest sizes in units of corrections in the last iterations, of which `tried` were made; whether pivots of the
-   last factors were raised, -1 for a singular tangent, and whether they are those of an earlier tangent; the first correction of a
-   step, without its sign. */
-typedef struct {
-  double tolerance, negligible, energy_floor, max_turn, longest_turn, large_turn; int max_iterations, may_overshoot;
-  Find *find; double corrections[CORRECTIONS]; int tried, raised, old_factors; double *predicted;
-} Newton;
-
-/* Driven columns: those of prescribed degrees of freedom, so many, then motors. Degrees of freedom a and b between which their
-   forces do work (-1: the ground), b the prescribed one; but for motors on slides. */
-typedef struct { int prescribed, *a, *b, *slides; } Motors;
-
-/* How forces of joints pass through these from the nodes that follow to those that lead (-1: none), the former first; first
-   displacements, then rotations. `joints` are all of the scene. */
-typedef struct { int joints, count, force_count, *dof, *to, *of; double *sign; } Passes;
-
-/* The state. Its arrays and those of the predictor are in one piece of memory. */
-typedef struct {
-  double *memory; long size;
-  double STATE_NUMBERS, STATE_ARRAYS; /* by their names in results/state.py */
-  double *driven_now;
-  /* Forces are means over the step so far, of which the parts before are the share `earlier`, this sub-step
-     `share`; values of the last sub-step where forces are not at mid-step. */
-  double earlier, share;
-  double ratio;         /* of the lengths of the last step and of this one, `memory` of a record */
-  double energies[8], momenta[3]; /* of the last row */
-  int steps_done;       /* 0 if there is no previous step */
-  int forces_found;     /* whether those of joints, obstacles and lines were computed in the last step */
-} State;
-
-/* The last configurations, from which the next one is predicted: [PAST + 1] times since those before the last one, the latest first;
-   [PAST] divided differences of configurations and then, if joints couple nodes, of unknowns, from order 1 on; number of previous sub-steps; orders of the
-   prediction of each sub-step, 0 for none. */
-typedef struct { double *ages, *past; int known, orders[SUB_STEPS]; } Predictor;
-
-/* When a run ends: whether errors are controlled, and whether before a step in which a contact or law switches. Factors of averaged
-   differences of displacements and of single ones of all, and of these where steps are too coarse for their order; ratios of error
-   and limit at which it ends: two below, or one above. */
-typedef struct { int controlled, watches; double smooth, raw, coarse, lowest, highest; } Limits;
-
-/* Local errors of whole steps: [PAST + 1] ages, [PAST] divided differences of configurations from order 1 on, [2] the last two of
-   the order after that of the scheme; number of previous steps. [2][switches] values whose signs tell that a contact or law
-   switches, at both ends of a sub-step. Ratios of the last two steps, negative if unknown; whether the run ended at such a ratio. */
-typedef struct {
-  Limits limits; int scheme_order, known, switches, stopped;
-  double *ages, *past, *last, *sides, ratios[2];
-} Control;
-
-/* A run: work space; whether steps are repeated for their tape alone, and whether forces of joints are computed in every step,
-   recorded or not; number of the present sub-step; why it failed. */
-typedef struct { double *scratch; int repeats, keeps_joint_forces, sub_step, failure; } Run;
-
-/* Counts of the steps or parts since the last ones (fx_take_counts): of those that were taken; iterations; solves that end at
-   round-off; steps with rotations above large_turn per step; those that were refused, as dampers gave energy; those that end with
-   inverted sections, and the time of the first. Of solves that end at round-off the sum of their last corrections, the largest
-   motion, in units, and the largest correction with its degree of freedom. */
-typedef struct {
-  int taken, iterations, by_round_off, too_large, amplified, inverted, left_at;
-  double inverted_t, left, moved, left_most;
-} Counts;
-
-/* Inverted sections: the first configuration that has some. With less strain energy no section is inverted. */
-typedef struct { double *q, least_energy; } Inverted;
-
-/* Parts with energies of their own, if there are several: runs of degrees of freedom and of unknowns, and the part of each;
-   for each part those whose energies together are its own; [2][part] room for the work of a correction and for energies. */
-typedef struct {
-  int count, dof_runs, *dof_run_start, *dof_run_part, column_runs, *column_run_start, *column_run_part, *inside_start, *inside;
-  double *energy;
-} Parts;
-
-/* A scene and a scheme, the present state, and a run of steps from it. */
-typedef struct {
-  int dofs, cells, columns, free, driven; /* of the columns the free ones are the unknowns, driven ones follow */
-  Mesh mesh; Forms forms; Internal internal; Natural natural; Loads loads; Tangent tangent; Mass mass;
-  Map map; Joints joints; Auxiliary auxiliary; Sliders sliders; Loops loops; Gears gears;
-  System system; Border border; Direct direct; Coupled coupled; Geometric geometric; PointForces *points;
-  AtPoints at_points; Parameters parameters; Motors motors; Passes passes; Parts parts;
-  Scheme scheme; Statics statics; Frame frame; Newton newton;
-  State state; Predictor predictor; Control control; Run run; Counts counts; Inverted inverted;
-} Problem;
+/* A scene and a scheme, the present state, and a run of steps from it. Only the functions that Python calls know it. */
+typedef struct { const Tables *tables; Numbers numbers; Work work; } Problem;
 
 /* Rows of an array. */
 typedef struct { const double *source; double *target; long size; } Rows;
@@ -417,33 +108,24 @@ typedef struct { long rows; double *q, *v, *slides, *driven, *rates, *joints, *c
 
 enum { VALUES, BACKWARDS, FORWARDS };
 
-/* Results of the last step, which Python reads (work.h): increments of nodes and columns, forces, tangent, internal forces and reduced
-   residual; values of T and Tv, and closures. What it may set: increments of columns, dead forces,
-   their means, natural strains at the end. */
-typedef struct {
-  double *D, *z, *r, *tangent, *f, *reduced, *step, *correction, *values, *virtual_map, *closure;
-  double *force, *dead, *natural_end;
-} Results;
-
-int fx_begin_joints(Problem *p);
-int fx_expand(Problem *p, int close);
-int fx_run(Problem *p, int steps, double t, double dt, const Inputs *inputs, const Limits *limits, Record *to);
-int fx_repeat(Problem *p, int steps, double t, double dt, const Inputs *inputs, Record *to);
-Counts fx_take_counts(Problem *p);
-long fx_scratch(const Problem *p);
-Results fx_results(const Problem *p);
-int fx_renew_factors(Problem *p);
-int fx_judge(Problem *p, Convergence *c, int iteration, int shortened);
-void fx_begin(Problem *p, double t, double dt, double *follower_force);
-void fx_end_at(Problem *p, double dt, double ratio);
-int fx_balance(Problem *p, double dt);
-void fx_change(const Problem *p, const double *x, int sizes, double *out);
-void fx_list_border(Problem *p, BorderEntries *to);
-Layout fx_layout(const Problem *p, const Derivatives *a);
-long fx_linear_scratch(const Problem *p, const Derivatives *a);
-long fx_tape_size(const Problem *p);
-long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, double *forces);
-long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a);
-long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a);
-int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way);
+int fx_begin_joints(Problem *problem);
+int fx_expand(Problem *problem, int close);
+int fx_run(Problem *problem, int steps, double t, double dt, const Inputs *inputs, const Limits *limits, Record *to);
+int fx_repeat(Problem *problem, int steps, double t, double dt, const Inputs *inputs, Record *to);
+Counts fx_take_counts(Problem *problem);
+long fx_lay_out(Problem *problem, double *memory);
+int fx_renew_factors(Problem *problem);
+int fx_judge(Problem *problem, Convergence *c, int iteration, int shortened);
+void fx_begin(Problem *problem, double t, double dt, double *follower_force);
+void fx_end_at(Problem *problem, double dt, double ratio);
+int fx_balance(Problem *problem, double dt);
+void fx_change(const Problem *problem, const double *x, int sizes, double *out);
+void fx_list_border(Problem *problem, BorderEntries *to);
+Layout fx_layout(const Problem *problem, const Derivatives *a);
+long fx_linear_scratch(const Problem *problem, const Derivatives *a);
+long fx_tape_size(const Problem *problem);
+long fx_taped_forces(Problem *problem, const Tape *tape, const Derivatives *a, double *forces);
+long fx_vjp(Problem *problem, const Tape *tape, const Derivatives *a);
+long fx_jvp(Problem *problem, const Tape *tape, const Derivatives *a);
+int fx_fit(Problem *problem, const Fits *of, const Derivatives *a, int way);
 void fx_free_rows(ChangingRows *c);

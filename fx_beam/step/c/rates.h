@@ -4,7 +4,7 @@
 
 #include "algebra.h"
 
-/* Rotations of which tangents are computed at once: the arrays have room for nodes behind the last one (work.h). */
+/* Rotations of which tangents are computed at once: the arrays have room for nodes behind the last one (room.h). */
 enum { TURNS = 4 };
 
 /* Writes x of four nodes, but for their rotations. */
@@ -13,7 +13,7 @@ INLINED void put_with_turns(const Four *x, Four turns, double *to) {
   *(Four *)(to + 8) = PICK(x[2], turns, 6, 1, 2, 7);
 }
 
-HOT void work_increment(const Problem *p, const Work *w) {
+HOT void work_increment(const Tables *p, const Work *w) {
   const double *D = w->D;
   const Four one = {1, 1, 1, 1}, ones[] = {one, one, one};
   for (int i = 0; i < p->dofs; i += 3 * TURNS) {
@@ -29,19 +29,19 @@ HOT void work_increment(const Problem *p, const Work *w) {
   }
 }
 
-static double newmark_end(const Problem *p, double D, double v0, double a0, double dt) {
-  return (D - dt * v0) / (p->scheme.beta * dt * dt) - (1 / (2 * p->scheme.beta) - 1) * a0;
+static double newmark_end(const Scheme *scheme, double D, double v0, double a0, double dt) {
+  return (D - dt * v0) / (scheme->beta * dt * dt) - (1 / (2 * scheme->beta) - 1) * a0;
 }
 
 /* Values of the user's rule at all nodes (compiled_laws.py): acceleration, its derivatives by the
    increment, and rates and accelerations at the end of the step. */
-static void evaluate_rule(const Problem *p, const Work *w, double dt) {
-  Law *rule = p->scheme.nodal_rule[p->run.sub_step % p->scheme.rules];
+static void evaluate_rule(const Tables *p, const Work *w, double dt) {
+  Law *rule = p->scheme.nodal_rule[w->run.sub_step % p->scheme.rules];
   double in[13] = {[12] = dt};
   for (int i = 0; i < p->mesh.nodes; ++i) {
     for (int c = 0; c < 3; ++c) {
       int k = 3 * i + c;
-      in[c] = w->D[k], in[3 + c] = p->state.v[k], in[6 + c] = p->state.a[k], in[9 + c] = p->state.q[k] - p->state.q_previous[k];
+      in[c] = w->D[k], in[3 + c] = w->state.v[k], in[6 + c] = w->state.a[k], in[9 + c] = w->state.q[k] - w->state.q_previous[k];
     }
     memset(w->rule + RULE_VALUES * i, 0, RULE_VALUES * sizeof(double));
     rule(w->rule + RULE_VALUES * i, 0, in, 0, 0, 0, 0);
@@ -49,67 +49,67 @@ static void evaluate_rule(const Problem *p, const Work *w, double dt) {
 }
 
 /* Three of the values, from number `first` on, as a vector. */
-static void take_values(const Problem *p, const Work *w, int first, double *to) {
-  for (int i = 0; i < p->mesh.nodes; ++i)
+static void take_values(const Mesh *mesh, const Work *w, int first, double *to) {
+  for (int i = 0; i < mesh->nodes; ++i)
     for (int c = 0; c < 3; ++c) to[3 * i + c] = w->rule[RULE_VALUES * i + first + c];
 }
 
-HOT void acceleration(const Problem *p, const Work *w, double dt) {
+HOT void acceleration(const Tables *p, const Frame *frame, const Work *w, double dt) {
   if (p->scheme.at_rest) { /* in a frame that turns */
-    for (int i = 0; p->frame.spin_squared > 0 && i < p->dofs; ++i)
-      w->acc[i] = i % 3 == 2 ? 0 : -p->state.ratio * p->frame.spin_squared
-          * (p->frame.arm[i] + p->state.q[i] + p->scheme.level * w->D[i]);
+    for (int i = 0; frame->spin_squared > 0 && i < p->dofs; ++i)
+      w->acc[i] = i % 3 == 2 ? 0 : -w->state.ratio * frame->spin_squared
+          * (frame->arm[i] + w->state.q[i] + p->scheme.level * w->D[i]);
     return;
   }
   if (p->scheme.rules) {
     evaluate_rule(p, w, dt);
-    take_values(p, w, 0, w->acc);
+    take_values(&p->mesh, w, 0, w->acc);
     return;
   }
-  const double *restrict path = w->path, *restrict v = p->state.v;
+  const double *restrict path = w->path, *restrict v = w->state.v;
   double *restrict acc = w->acc, per_dt = 1 / dt;
   if (p->scheme.rule == 0)
     for (int i = 0; i < p->dofs; ++i) acc[i] = 2 * per_dt * (path[i] * per_dt - v[i]);
   else
     for (int i = 0; i < p->dofs; ++i) {
-      double a1 = newmark_end(p, w->D[i], v[i], p->state.a[i], dt);
-      acc[i] = (1 - p->scheme.alpha_m) * a1 + p->scheme.alpha_m * p->state.a[i];
+      double a1 = newmark_end(&p->scheme, w->D[i], v[i], w->state.a[i], dt);
+      acc[i] = (1 - p->scheme.alpha_m) * a1 + p->scheme.alpha_m * w->state.a[i];
     }
 }
 
 /* Derivative of the acceleration with respect to the increment of `work_increment`. */
-static double steepness(const Problem *p, double dt) {
-  if (p->scheme.at_rest) return -p->state.ratio * p->frame.spin_squared * p->scheme.level;
-  return (p->scheme.rule == 0 ? 2 : (1 - p->scheme.alpha_m) / p->scheme.beta) / (dt * dt);
+static double steepness(const Scheme *scheme, const Frame *frame, const State *state, double dt) {
+  if (scheme->at_rest) return -state->ratio * frame->spin_squared * scheme->level;
+  return (scheme->rule == 0 ? 2 : (1 - scheme->alpha_m) / scheme->beta) / (dt * dt);
 }
 
 /* Forces r of the masses, for an `acceleration`, and their derivatives by the increment in the tangent K. */
-HOT void inertia(const Problem *p, const Work *w, double *r, double *K) {
-  multiply_mass(p, w->acc, r, K, p->scheme.rules ? 0 : steepness(p, w->dt), w->slope);
+HOT void inertia(const Tables *p, const Numbers *s, const Work *w, double *r, double *K) {
+  multiply_mass(p, s, w->acc, r, K, p->scheme.rules ? 0 : steepness(&p->scheme, &s->frame, &w->state, w->dt), w->slope);
   for (int k = 0; p->scheme.rules && k < 9 * p->mass.start[p->mesh.nodes]; ++k)
-    K[p->scheme.rule_stored_at[k]] += p->mass.value[k / 3] * w->rule[RULE_VALUES / 3 * p->mass.dof[k / 9] + 3 + k % 9];
+    K[p->scheme.rule_stored_at[k]] += s->mass[k / 3] * w->rule[RULE_VALUES / 3 * p->mass.dof[k / 9] + 3 + k % 9];
 }
 
-HOT void advance_rates(Problem *p, const Work *w, double dt) {
+HOT void advance_rates(const Tables *p, Work *w, double dt) {
   if (p->scheme.at_rest) return;
   const double *restrict path = w->path;
-  double *restrict v = p->state.v, *restrict a = p->state.a, *restrict v0 = w->scratch, *restrict a0 = w->acc, per_dt = 1 / dt;
+  double *restrict v = w->state.v, *restrict a = w->state.a, *restrict v0 = w->scratch, *restrict a0 = w->acc, per_dt = 1 / dt;
   int newmark = p->scheme.rule && !p->scheme.rules;
   memcpy(v0, v, p->dofs * sizeof *v);
   if (p->scheme.rules) {
     evaluate_rule(p, w, dt);
-    take_values(p, w, 12, v), take_values(p, w, 15, a);
+    take_values(&p->mesh, w, 12, v), take_values(&p->mesh, w, 15, a);
   } else if (p->scheme.rule == 0)
     for (int i = 0; i < p->dofs; ++i) v[i] = 2 * per_dt * path[i] - v0[i], a[i] = per_dt * (v[i] - v0[i]);
   else
     for (int i = 0; i < p->dofs; ++i) {
-      double a1 = newmark_end(p, w->D[i], v0[i], a[i], dt);
+      double a1 = newmark_end(&p->scheme, w->D[i], v0[i], a[i], dt);
       v[i] += dt * ((1 - p->scheme.gamma) * a[i] + p->scheme.gamma * a1), a0[i] = a[i], a[i] = a1;
     }
   for (int k = 0; k < p->mesh.massless_count; ++k) {
     int i = p->mesh.massless[k];
     v[i] = per_dt * path[i], a[i] = per_dt * (v[i] - v0[i]);
     /* Newmark's formulas take v as that at the end: the mean, and half a step with the acceleration since the mean before. */
-    if (newmark) a[i] = (2 * (v[i] - v0[i]) + p->state.length * a0[i]) / (dt + p->state.length), v[i] += dt / 2 * a[i];
+    if (newmark) a[i] = (2 * (v[i] - v0[i]) + w->state.length * a0[i]) / (dt + w->state.length), v[i] += dt / 2 * a[i];
   }
 }

@@ -13,12 +13,12 @@ static const Reversal *reversal_at(const Derivatives *a, long step, int place) {
 }
 
 /* Stretches springs of friction at the start of a sub-step beyond their limit. */
-static void stretch_bristles(const Problem *p, const Derivatives *a, long step) {
+static void stretch_bristles(const State *state, const Derivatives *a, long step) {
   if (!a->reversal || step < 0) return;
   for (int i = a->reversal_start[step]; i < a->reversal_start[step + 1]; ++i) {
     const Reversal *r = a->reversal + i;
-    if (r->stretch) p->state.spring_internal[r->place] = r->stretch;
-    if (r->force) p->state.spring_internal[r->place + FOLLOWED] = r->force;
+    if (r->stretch) state->spring_internal[r->place] = r->stretch;
+    if (r->force) state->spring_internal[r->place + FOLLOWED] = r->force;
   }
 }
 

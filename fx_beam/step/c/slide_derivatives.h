@@ -9,8 +9,8 @@
 /* Where its laws are put, and what they read: configurations and slides at both ends, numbers of its path, its numbers. */
 typedef struct { Block *b; const Slider *a; int q[2], slide[2], arcs, positions, coefficients, angles, numbers; } SlideLaws;
 
-static SlideLaws laws_of(Block *b, const Problem *p, const Layout *at, int i) {
-  const Slider *a = p->sliders.slider + i;
+static SlideLaws laws_of(Block *b, const Slider *sliders, const Layout *at, int i) {
+  const Slider *a = sliders + i;
   int nodes = a->degree * a->elements + 1, arcs = at->paths + a->path, positions = arcs + a->elements + 1;
   int coefficients = positions + 2 * nodes, angles = coefficients + 4 * a->elements * (3 * a->degree + 1);
   return (SlideLaws){b, a, {at->q, at->q1}, {at->Y + a->column, at->Y1 + a->column}, arcs, positions, coefficients, angles,
@@ -58,14 +58,14 @@ static void put_chord(const SlideLaws *s, int to, const double *mean_slope, cons
 }
 
 /* The weights of a node at the start (0) or at the end (1). */
-static void put_weights_at(Block *b, const Problem *p, const Layout *at, int i, int end) {
-  SlideLaws s = laws_of(b, p, at, i);
+static void put_weights_at(Block *b, const Slider *sliders, const Layout *at, int i, int end) {
+  SlideLaws s = laws_of(b, sliders, at, i);
   put_weights(&s, s.a->relation.at + end, s.numbers + AT + end * WINDOW_NODES);
 }
 
 /* Derivatives of the place of a node that slides: of its columns. */
-static void put_place(Block *b, const Problem *p, const Layout *at, int i, int end) {
-  SlideLaws s = laws_of(b, p, at, i);
+static void put_place(Block *b, const Slider *sliders, const Layout *at, int i, int end) {
+  SlideLaws s = laws_of(b, sliders, at, i);
   const Weight *w = s.a->relation.at + end;
   int weights = AT + end * WINDOW_NODES;
   for (int c = 0; c < s.a->components; ++c) {
@@ -130,8 +130,8 @@ static void put_turn(const SlideLaws *s, int r, int along) {
 }
 
 /* The forces on the beam and along it that a node exerts with the force F, for changes of Tv; its axis. */
-static void put_slide(Block *b, const Problem *p, const Layout *at, int i) {
-  SlideLaws s = laws_of(b, p, at, i);
+static void put_slide(Block *b, const Slider *sliders, const Layout *at, int i) {
+  SlideLaws s = laws_of(b, sliders, at, i);
   const Slider *a = s.a;
   const Relation *o = &a->relation;
   int n = a->width, along = at->R + a->column;

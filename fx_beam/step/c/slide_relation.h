@@ -137,21 +137,21 @@ static void relate_turn(Slider *a, Relation *o) {
 }
 
 /* Increment of the node for that of its beam and of the arc length, its derivatives T and the virtual increment. */
-static void slide_on(const Problem *p, Slider *a, const double *D) {
+static void slide_on(const Scheme *scheme, const State *state, Slider *a, const double *D) {
   Relation *o = &a->relation;
-  int n = a->width, exact = p->scheme.level == 0.5;
+  int n = a->width, exact = scheme->level == 0.5;
   double change[WINDOW_NODES]; /* of weights by the slide: it keeps the digits of small steps */
   begin_window(a);
   weigh_place(a, 0, 0, o->at), weigh_place(a, 1, 0, o->at + 1);
   weigh_quotient(a, o->at, o->along), memcpy(change, o->along->of, n * sizeof(double));
   if (exact) o->along[1] = o->along[0]; else weigh_place(a, 0, 1, o->along), weigh_place(a, 1, 1, o->along + 1);
-  o->exact = exact, o->share[0] = 1 - p->scheme.level, o->share[1] = p->scheme.level;
+  o->exact = exact, o->share[0] = 1 - scheme->level, o->share[1] = scheme->level;
   memset(a->T, 0, sizeof a->T), memset(a->virtual_map, 0, sizeof a->virtual_map);
   for (int k = 0; k < n; ++k) {
     o->mean[k] = o->share[0] * o->at[0].of[k] + o->share[1] * o->at[1].of[k];
     for (int i = 0; i < 3; ++i) {
       int node = a->first + k, dof = a->dofs[3 * node + i];
-      o->x[0][i][k] = p->state.q[dof] + (i < 2 ? a->position[2 * node + i] : a->angle[node]);
+      o->x[0][i][k] = state->q[dof] + (i < 2 ? a->position[2 * node + i] : a->angle[node]);
       o->D[i][k] = D[dof], o->x[1][i][k] = o->x[0][i][k] + D[dof];
     }
   }
@@ -165,7 +165,7 @@ static void slide_on(const Problem *p, Slider *a, const double *D) {
     a->virtual_map[i][ARC] = o->axis[i];
   }
   if (exact) relate_chord(a, o);
-  o->turned = a->components == 3 && exact && p->scheme.rule == 0;
+  o->turned = a->components == 3 && exact && scheme->rule == 0;
   if (o->turned) relate_turn(a, o);
 }
 

@@ -18,17 +18,17 @@ static double moved_by_beam(const Slider *a, int c, const double *change) {
 }
 
 /* Adds the forces on slides. */
-static void push_columns(const Problem *p, double *out) {
-  for (int i = p->points->nodal; i < p->points->all; ++i)
-    out[p->points->of[i].column] += p->points->of[i].results[0];
+static void push_columns(const PointForces *points, double *out) {
+  for (int i = points->nodal; i < points->all; ++i)
+    out[points->of[i].column] += points->of[i].results[0];
 }
 
 /* Adds the forces of all sliding nodes, for the forces on nodes: those on their columns pass on to their beams, in `loaded`,
    and along these. */
-static void load_beams(const Problem *p, const Work *w, const double *node_forces, double *out) {
+static void load_beams(const Tables *p, const Work *w, const double *node_forces, double *out) {
   double *r = memcpy(w->loaded, node_forces, p->dofs * sizeof(double));
   for (int i = p->sliders.count - 1; i >= 0; --i) {
-    Slider *a = p->sliders.slider + i;
+    Slider *a = w->slider + i;
     for (int c = 0; c < a->components; ++c) {
       a->force[c] = out[a->carried[c]];
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
@@ -40,8 +40,8 @@ static void load_beams(const Problem *p, const Work *w, const double *node_force
 }
 
 /* The slide of a joint at the level of a step. */
-static double slide_at_level(const Problem *p, const Work *w, int j) {
-  return at(p->state.slides, p->joints.number[j]) + p->scheme.level * at(w->z, p->joints.slide_column[j]);
+static double slide_at_level(const Tables *p, const Work *w, int j) {
+  return at(w->state.slides, p->joints.number[j]) + p->scheme.level * at(w->z, p->joints.slide_column[j]);
 }
 
 /* The axis across which forces on a joint's slide count for friction. */
@@ -51,20 +51,20 @@ static void set_axis(const PointForces *points, int joint, Two axis) {
 }
 
 /* Sets the axes across which forces on curves count for friction. */
-static void set_axes(const Problem *p, const Work *w) {
+static void set_axes(const Tables *p, const Numbers *s, const Work *w) {
   for (int j = 0; j < p->joints.count; ++j) {
     double d = slide_at_level(p, w, j);
     if (p->joints.track[j])
-      set_axis(p->points, p->joints.number[j], track_of(p->joints.track[j], p->joints.axis + 2 * j, d, d).chord);
+      set_axis(s->points, p->joints.number[j], track_of(p->joints.track[j], s->axis + 2 * j, d, d).chord);
   }
-  for (const Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a)
-    set_axis(p->points, a->joint, (Two){a->virtual_map[0][ARC], a->virtual_map[1][ARC]});
+  for (const Slider *a = w->slider; a < w->slider + p->sliders.count; ++a)
+    set_axis(s->points, a->joint, (Two){a->virtual_map[0][ARC], a->virtual_map[1][ARC]});
 }
 
 /* Whether a node leaves its beam in the step, or passes too many elements. */
-static int leaves_beam(const Problem *p) {
-  for (int i = 0; HAS(SLIDERS) && i < p->sliders.count; ++i) {
-    const Slider *a = p->sliders.slider + i;
+static int leaves_beam(const Sliders *sliders, const Work *w) {
+  for (int i = 0; HAS(SLIDERS) && i < sliders->count; ++i) {
+    const Slider *a = w->slider + i;
     double length = a->ends[a->elements], off = fmax(-a->s1, a->s1 - length);
     int passed = element_of(a, a->s1) - element_of(a, a->s0);
     if (off > 1e-9 * length || passed > a->most || passed < -a->most) return 1;
@@ -73,11 +73,11 @@ static int leaves_beam(const Problem *p) {
 }
 
 /* The relations of all nodes on beams at the start of a step. */
-static void begin_sliders(const Problem *p, const Work *w) {
+static void begin_sliders(const Tables *p, const Work *w) {
   memset(w->D, 0, p->dofs * sizeof(double));
-  for (Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a) {
-    a->s0 = a->s1 = p->state.slides[a->joint], a->slide = 0;
-    slide_on(p, a, w->D);
+  for (Slider *a = w->slider; a < w->slider + p->sliders.count; ++a) {
+    a->s0 = a->s1 = w->state.slides[a->joint], a->slide = 0;
+    slide_on(&p->scheme, &w->state, a, w->D);
   }
 }
 
@@ -85,18 +85,18 @@ static void begin_sliders(const Problem *p, const Work *w) {
 static double rate_along(Two apart, Two tangent) { return dot2(apart, tangent) / dot2(tangent, tangent); }
 
 /* Rates of slides at the start of a step, by the values of T. At mid-step forces depend on mean rates alone. */
-static void find_slide_rates(const Problem *p, const Work *w) {
-  const double *v = p->state.v;
-  if (p->points->all == p->points->nodal || p->scheme.level == 0.5) return;
+static void find_slide_rates(const Tables *p, const PointForces *points, const Work *w) {
+  const double *v = w->state.v;
+  if (points->all == points->nodal || p->scheme.level == 0.5) return;
   for (int j = 0; j < p->joints.count; ++j) {
     int a = p->joints.carrier[j], b = p->joints.carried_node[j];
     Two apart = {at(v, b - 2) - at(v, a - 2), at(v, b - 1) - at(v, a - 1)}, turned = at(v, a) * pair(w->values0 + 1 + 4 * j);
     if (p->joints.slide_column[j] >= 0)
-      p->at_points.slide_rate[p->joints.number[j]] = rate_along(apart - turned, pair(w->values0 + 3 + 4 * j));
+      w->slide_rate[p->joints.number[j]] = rate_along(apart - turned, pair(w->values0 + 3 + 4 * j));
   }
   if (HAS(SLIDERS)) begin_sliders(p, w);
-  for (const Slider *a = p->sliders.slider; a < p->sliders.slider + p->sliders.count; ++a) {
+  for (const Slider *a = w->slider; a < w->slider + p->sliders.count; ++a) {
     Two apart = pair_of(v, a->node) - (Two){moved_by_beam(a, 0, v), moved_by_beam(a, 1, v)};
-    p->at_points.slide_rate[a->joint] = rate_along(apart, (Two){a->T[0][ARC], a->T[1][ARC]});
+    w->slide_rate[a->joint] = rate_along(apart, (Two){a->T[0][ARC], a->T[1][ARC]});
   }
 }
