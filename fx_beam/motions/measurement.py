@@ -116,7 +116,7 @@ def readings(
         if last_row is None:
             raise SceneError(
                 f"the output {name!r}, {output}, is a section force, which follows from a step "
-                "that is recorded, not from a state: give Motion record=fb.Record(), and in `until` "
+                "that is recorded, not from a state: give Motion record=fb.Record(), and `until` "
                 "a record of all steps with motion and rates"
             )
     section_readings: dict[str, Reading] = {}

@@ -53,12 +53,17 @@ class GroundSpring(ForceBetween):
     target: Node | Beam = None  # type: ignore[assignment]
     direction: np.ndarray | None = field(default=None, metadata=IS_DATA)
 
+    @property
+    def is_bed(self) -> bool:  # type: ignore[override]
+        """Whether it holds the nodes of a beam."""
+        return isinstance(self.target, Beam)
+
     def __str__(self):
         number = "" if self.number < 0 else f"force {self.number}, "
         way = "against rotation"
         if self.direction is not None:
             way = "along ({:.4g}, {:.4g})".format(*self.direction)
-            if isinstance(self.target, Beam):
+            if self.is_bed:
                 way = "along it" if self.direction[0] else "across it"
                 return f"{number}bed of beam {self.target.name!r} {way}"
         return f"{number}between {self.target} and the ground {way}"
