@@ -63,7 +63,7 @@ class GroundSpring(ForceBetween):
         way = "against rotation"
         if self.direction is not None:
             way = "along ({:.4g}, {:.4g})".format(*self.direction)
-            if self.is_bed:
+            if isinstance(self.target, Beam):
                 way = "along it" if self.direction[0] else "across it"
                 return f"{number}bed of beam {self.target.name!r} {way}"
         return f"{number}between {self.target} and the ground {way}"

@@ -225,7 +225,7 @@ def _of_joint(array: str, joint: Joint, columns: np.ndarray) -> Definition:
     )
 
 
-def _rate_of_slide(joint: Joint) -> Definition:
+def _rate_of_slide(joint: Any) -> Definition:
     """By offset and axis, the slide, rotation and spin of a, and the velocities of both."""
     a, b = joint.a.number, joint.b.number
     nodes = _Moving((a, b))
@@ -262,7 +262,7 @@ def _of_slider(name: str, joint: SlidingJoint, nodes_of: NodesOf) -> Definition:
     return Definition(needs, function, is_linear=False)
 
 
-def _of_line(name: str, line: ForceBetween) -> Definition:
+def _of_line(name: str, line: Any) -> Definition:
     """Length or rate of a line, or the angles of its arcs."""
     nodes, ends = _Moving(line.nodes), [line.nodes[0], line.nodes[-1]]
     kinds = line.kinds[:1], line.kinds[-1:]
@@ -284,9 +284,9 @@ def _of_line(name: str, line: ForceBetween) -> Definition:
         arcs = np.broadcast_arrays(0.0 * q[..., 0], *line.arcs(numbers, *motion(q)))[1:]
         return np.stack(arcs, axis=-1) * np.sign(line.radii)
 
-    function = {"rate": rate, "length": length, "wrap": wrap}[name]
+    functions: dict[str, Function] = {"rate": rate, "length": length, "wrap": wrap}
     needs = tuple(map(nodes.need, "qv" if name == "rate" else "q"))
-    return Definition(needs, function, dual_array(line.geometry), False)
+    return Definition(needs, functions[name], dual_array(line.geometry), False)
 
 
 def wraps(line: Any, read: Read) -> np.ndarray:

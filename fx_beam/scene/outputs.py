@@ -209,8 +209,8 @@ class Output:
     @property
     def label(self) -> str:
         """Name for columns of tables and axes of pictures, with the unit."""
-        words = [self.quantity.replace("_", " ")] + [self.component] * bool(self.component)
-        return f"{' '.join(words)} of {self._place} [{self.unit}]"
+        name, part = self.quantity.replace("_", " "), f" {self.component}" if self.component else ""
+        return f"{name}{part} of {self._place} [{self.unit}]"
 
     @property
     def _turns(self) -> bool:

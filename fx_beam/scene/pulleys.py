@@ -96,7 +96,7 @@ class RopeOverPulleys(ForceBetween):
         radii = dual_array(self.radii)
         return scene_number(radii[:-1] - radii[1:])
 
-    def spans(self, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def spans(self, ways: Any) -> tuple[Any, Any]:
         """Lengths (n - 1, ...) of the free spans [m], and angles from the centres' lines to them.
 
         `ways` (n - 1, 2, ...) are the vectors from each centre to the next one [m].
