@@ -43,6 +43,7 @@ class Analysis:
 
     def __init__(self, parameters: Parametrised):
         self.parameters = parameters
+        self._measured_outputs: tuple[object, dict[str, Measured]] = None, {}
 
     @property
     def outputs(self) -> dict[str, Wanted]:
@@ -50,9 +51,19 @@ class Analysis:
         return self.parameters.besides or {}
 
     @property
+    def measured_by_name(self) -> dict[str, Measured]:
+        """Outputs of the last scene that are no functions, measured once for all of its readers."""
+        outputs = self.outputs
+        if self._measured_outputs[0] is not outputs:
+            chosen = {name: each for name, each in outputs.items() if isinstance(each, Output)}
+            by_name = {name: Measured(output) for name, output in chosen.items()}
+            self._measured_outputs = outputs, by_name
+        return self._measured_outputs[1]
+
+    @property
     def measured(self) -> list[Measured]:
-        """Outputs of the last scene that are no functions."""
-        return [Measured(output) for output in self.outputs.values() if isinstance(output, Output)]
+        """The same in their order."""
+        return [*self.measured_by_name.values()]
 
     def run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Times or load factors (n,) and outputs for parameters."""
@@ -79,10 +90,13 @@ class Analysis:
         raise NotImplementedError
 
     def numbers_of_outputs(
-        self, scene: Scene, outputs: Mapping[str, Wanted], known: Mapping[str, Wanted]
+        self, scene: Scene, outputs: Mapping[str, Any], known: Mapping[str, Any]
     ) -> dict[str, Any]:
         """Numbers of a scene that its outputs read; those `known` are of the last scene."""
-        numbers = numbers_of_outputs(outputs, known)
+        measured = self.measured_by_name
+        if outputs is not known:
+            measured = {name: Measured(outputs[name]) for name in measured}
+        numbers = numbers_of_outputs(measured, known)
         if any(map(is_section_force, known.values())):
             model, tape, _ = self.followed("derivatives")
             scene = with_functions(scene, self.inputs, "Response: inputs")

@@ -46,8 +46,7 @@ class LocalOutput(RowOutput):
 
         at_rest = self._model.scheme.rates.at_rest and measured.quantity.of in ("v", "a")
         slopes = () if at_rest or not len(places.ends) else self._slopes_of(measured, read)
-        blocks = (block for slope in slopes for block in self._blocks_of(*slope))
-        self._blocks = [block for block in blocks if len(block.rows)]
+        self._blocks = [block for slope in slopes for block in self._blocks_of(*slope)]
 
     def _slopes_of(self, measured: Measured, read: Read) -> Iterable[Slope]:
         if (joint := measured.sliding) is not None:
@@ -89,19 +88,16 @@ class LocalOutput(RowOutput):
         factor: ArrayLike = 1.0,
     ) -> Iterator[Block]:
         """Derivatives in rows (k,): those of each are in `slopes`, or are the same in all."""
-        depends, factor = slopes.any(axis=0), np.reshape(factor, (-1, 1))
-        groups = [(int(part), np.flatnonzero(depends[part])) for part in range(len(depends))]
-        if (
-            len(depends) > 1
-            and depends.sum(axis=0).max(initial=0) == depends.sum(axis=1).max() == 1
-        ):
-            groups = [np.nonzero(depends)]  # each component has one entry
-        for part, columns in groups:
-            values = slopes[:, part, columns]
-            values = factor * (values if len(values) == 1 else values[rows])
-            values = np.ascontiguousarray(np.broadcast_to(values, (len(rows), len(columns))))
-            if len(columns):
-                yield Block(name, entries[columns], rows, values, places, part)
+        _, count, width = slopes.shape
+        if len(rows) and width:
+            values = (slopes if len(slopes) == 1 else slopes[rows]) * np.reshape(factor, (-1, 1, 1))
+            values = np.broadcast_to(values, (len(rows), count, width))
+            if count == width == np.count_nonzero(values[0]) and values[0].diagonal().all():
+                parts = np.arange(count)  # each component has one entry
+                yield Block(name, entries, rows, values[:, parts, parts], places, parts)
+                return
+            for part in range(count):
+                yield Block(name, entries, rows, values[:, part], places, part)
 
     def _at(self, name: str, entries: np.ndarray) -> np.ndarray:
         known = self._places.entries.get(name)

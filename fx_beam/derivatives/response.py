@@ -465,5 +465,5 @@ class Response(OfParameters):
             if output.quantity == analysis.single:
                 singles.append(name)
             else:
-                outputs[name] = Measured(output)
+                outputs[name] = analysis.measured_by_name[name]
         return singles, outputs

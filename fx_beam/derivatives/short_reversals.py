@@ -52,7 +52,7 @@ def _first_reversals(model: Model, tape: Tape) -> Iterator[tuple[int, int, str, 
         rows = np.arange(first, min(first + _AT_ONCE, present.end) + 1)
         states = tape.states(rows, "q", "slides")
 
-        def read(array: str, entries: int, states: dict = states) -> np.ndarray:
+        def read(array: str, entries: np.ndarray, states: dict = states) -> np.ndarray:
             return X[entries] if array == "X" else states[array][:, entries]
 
         coordinates = [friction.coordinate(read) for friction in frictions]

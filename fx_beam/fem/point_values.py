@@ -33,7 +33,8 @@ class PointSlopes(NamedTuple):
 class PointValues:
     """The sum of a function of all forces at points, or of those along a line.
 
-    The function is that of a law: "energy" or "loss", of lines also "pull". It is that in steps of the scheme, or by a `rule` of its own. Members that touch are left out.
+    The function is that of a law: "energy" or "loss", of lines also "pull". It is that in steps of
+    the scheme, or by a `rule` of its own. Members that touch are left out.
     """
 
     def __init__(

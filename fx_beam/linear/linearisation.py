@@ -263,7 +263,7 @@ def output_rows(
     for array, entries, values in slopes:
         if (matrix := matrices.get(array)) is not None:
             if "slides" in array:
-                entries = [model.couplings.slides[number] for number in entries.tolist()]
+                entries = np.array([model.couplings.slides[number] for number in entries.tolist()])
             rows += values[0] @ matrix[entries].toarray()
     return rows
 

@@ -16,7 +16,7 @@ from fx_beam.scene.measured import Measured
 from fx_beam.scene.outputs import Output, is_section_force
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
-from fx_beam.step.recorded_histories import driven_increments
+from fx_beam.step.recorded_histories import MEANS, driven_increments, fitted_mean
 
 from .prepared import Prepared
 
@@ -28,8 +28,6 @@ Reading = Callable[[], Any]
 Arrays = Callable[[str], Any]
 # Where driven motions are.
 _PLACES = "q", "slides"
-#: Means over a step, by the parts of a fit that change in it.
-_MEANS = {"a": "corrections", "joint_forces": "joints", "constraint_forces": "constraints"}
 # Forces that steps compute only for records that have them, and for outputs.
 _NOT_ALWAYS = "joint_forces", "line_forces", "contact_forces"
 
@@ -86,10 +84,9 @@ def fitted_value(name: str, arrays: Arrays, start: Instant | None, end: Instant 
         return value
     if name == "v":
         return end.fit.rates[0]
-    if start is None or value is None or name not in _MEANS:
+    if start is None or value is None or name not in MEANS:
         return value
-    start_parts, end_parts = (getattr(instant.fit, _MEANS[name])[0] for instant in (start, end))
-    return value + (end_parts - start_parts) / end.length
+    return fitted_mean(name, value, start.fit, end.fit, end.length)
 
 
 def fitted_state(state: State, start: Instant | None, end: Instant | None) -> State:
@@ -97,7 +94,7 @@ def fitted_state(state: State, start: Instant | None, end: Instant | None) -> St
     if end is None:
         return state
     arrays = functools.partial(getattr, state)
-    means = {name: fitted_value(name, arrays, start, end) for name in _MEANS}
+    means = {name: fitted_value(name, arrays, start, end) for name in MEANS}
     return state.changed(**means, driven_rates=end.driven)
 
 
@@ -116,7 +113,7 @@ def readings(
         if last_row is None:
             raise SceneError(
                 f"the output {name!r}, {output}, is a section force, which follows from a step "
-                "that is recorded, not from a state: give Motion record=fb.Record(), and in `until` "
+                "that is recorded, not from a state: give Motion record=fb.Record(), and `until` "
                 "a record of all steps with motion and rates"
             )
     section_readings: dict[str, Reading] = {}

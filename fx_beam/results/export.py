@@ -16,6 +16,7 @@ import numpy as np
 
 from fx_beam.errors import is_name, require
 from fx_beam.scene.beam import COMPONENTS, Beam, BeamPlace, Node
+from fx_beam.scene.outputs import Output
 
 from .files import in_table, of_numpy, replacing
 from .records import BeamResultants, known_resultants
@@ -240,9 +241,9 @@ def _columns(solution, nodes: dict[str, Node | BeamPlace]) -> dict[str, np.ndarr
     for label, place in nodes.items():
         parts: dict = {}
         if solution.has_motion:
-            parts[""] = _at(solution, place, "q")
+            parts[""] = _columns_at(solution, place, "position", "rotation")
         if solution.has_rates:
-            parts[" rate"] = _at(solution, place, "v")
+            parts[" rate"] = _columns_at(solution, place, "velocity", "spin")
         for i, component in enumerate(COMPONENTS):
             for kind, values in parts.items():
                 columns[f"{label} {component}{kind}"] = values[i]
@@ -252,15 +253,6 @@ def _columns(solution, nodes: dict[str, Node | BeamPlace]) -> dict[str, np.ndarr
     return columns
 
 
-def _at(solution, place: Node | BeamPlace, history: str) -> np.ndarray:
-    """Position and rotation (3, n) of a node or a place, or rates of both."""
-    if not isinstance(place, BeamPlace):
-        if history == "v":
-            return np.vstack([solution.velocity(place).T, solution.spin(place)])
-        return np.vstack([solution.position(place).T, solution.rotation(place)])
-    nodes, shares = place.shares
-    rows = solution.nodes_of_beam[place.beam.name][nodes]
-    values = np.einsum("k,nki->in", shares, getattr(solution, history)[:, rows])
-    if history == "q":
-        values[:2] += (shares @ solution.X[rows])[:, None]
-    return values
+def _columns_at(solution, place: Node | BeamPlace, *names: str) -> np.ndarray:
+    """Columns (k, n) of quantities of a node or a place."""
+    return np.column_stack([solution.value(Output(name, place)) for name in names]).T

@@ -15,7 +15,7 @@ from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint, NodalMotion
 from fx_beam.scene.law import Energy
-from fx_beam.scene.measured import wraps
+from fx_beam.scene.measured import Measured, wraps
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
@@ -38,7 +38,7 @@ class _PartMotion:
 
     def _value(self, quantity: str) -> np.ndarray:
         """A quantity of the part as an output."""
-        return self.solution.value(Output(quantity, getattr(self, fields(self)[1].name)))
+        return values_in(self.solution, Output(quantity, getattr(self, fields(self)[1].name)))
 
     def _mean_force(self, force: np.ndarray) -> np.ndarray:
         """Forces (steps,) in the middle of steps, from those (n,) at the level of the scheme."""
@@ -182,6 +182,18 @@ def internal_variable(solution, known: Mapping[str, np.ndarray], name, owner: st
     return known[name]
 
 
+def values_in(solution, output: Output) -> np.ndarray:
+    """Values (n, ...) of an output of a place, a joint or a line by its definition."""
+
+    def read(array: str, entries: np.ndarray) -> np.ndarray:
+        if array == "X":
+            return solution.X.reshape(-1)[entries]
+        rows = solution.recorded(array)
+        return rows.reshape(len(rows), -1)[:, entries]
+
+    return Measured(output, lambda beam: solution.nodes_of_beam[beam.name]).values(read)
+
+
 def motion_of(solution) -> NodalMotion:
     """Motion of the nodes and beams of a solution."""
     return NodalMotion(
@@ -237,7 +249,7 @@ class PullMotion(_PartMotion):
         the ground the displacement along its direction [m], or the rotation [rad]; of a bed those
         (n, nodes) at the nodes of the beam.
         """
-        return self._of_bed("q") if self._is_bed else self._value("length")
+        return self._of_bed("q") if self.line.is_bed else self._value("length")
 
     @property
     def wrap(self) -> np.ndarray:
@@ -251,10 +263,6 @@ class PullMotion(_PartMotion):
         rows = self.solution.recorded("q").reshape(len(self.solution.t), -1)
         return wraps(self.line, lambda _, entries: rows[:, entries])
 
-    @property
-    def _is_bed(self) -> bool:
-        return self.line.to_ground and isinstance(cast(Any, self.line).target, Beam)
-
     def _of_bed(self, name: str) -> np.ndarray:
         """Displacements ("q") or rates ("v") along a bed (n, nodes)."""
         solution, bed = self.solution, cast(Any, self.line)
@@ -265,7 +273,7 @@ class PullMotion(_PartMotion):
     @property
     def rate(self) -> np.ndarray:
         """Rate (n,) of the length [m/s or rad/s] at t[k]; of a bed (n, nodes)."""
-        return self._of_bed("v") if self._is_bed else self._value("rate")
+        return self._of_bed("v") if self.line.is_bed else self._value("rate")
 
     @property
     def power(self) -> np.ndarray:

@@ -13,14 +13,21 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from fx_beam.errors import SceneError, is_one_of, shown
-from fx_beam.scene.beam import Beam, Node, no_node
+from fx_beam.scene.beam import Beam, BeamPlace, Node, no_node
 from fx_beam.scene.body import Body
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
-from fx_beam.scene.measured import Measured
-from fx_beam.scene.outputs import Output, is_gear, is_section_force, quantity_of
+from fx_beam.scene.outputs import (
+    OF_NODES,
+    Output,
+    check_has_rows,
+    component_of,
+    is_gear,
+    is_section_force,
+    quantity_of,
+)
 from fx_beam.scene.scene import Scene
 
 from .records import BeamResultants, Energy, Stats, facts, known_resultants, read_only
@@ -299,10 +306,11 @@ class Solution:
                 return read_only(rows)
         return self.recorded(name)[:, number]
 
-    def _at_node(self, quantity: str, node: Node) -> np.ndarray:
-        """An output of a node of this solution."""
-        _node_number(self, node)
-        return self.value(Output(quantity, node))
+    def _at_node(self, name: str, node: Node) -> np.ndarray:
+        """A quantity of a node: columns of a history, by the table of outputs."""
+        number, quantity = _node_number(self, node), OF_NODES[name]
+        rows = self._of_node(quantity.of, number)[:, quantity.columns]
+        return rows + self.X[number] if quantity.is_place else rows
 
     # -- Motion of a node -----------------------------------------------------------------------
 
@@ -618,12 +626,21 @@ class Solution:
         Parameters
         ----------
         output : Output
-            A quantity of a node, a place, a joint, a rope or a contact, a beam or the scene.
+            Any but "critical_load" and "period", of a part of this solution.
 
         Returns
         -------
         (n, ...) float
-            Its values at t, of forces at `t_level`.
+            Its values at t, of forces at `t_level`: (n,) for a number, (n, components) for several,
+            and (n, points) for "N", "Q" and "M" of a beam. `Output.unit` is their unit.
+
+        Raises
+        ------
+        SceneError
+            For anything but an output, the two that are numbers of a whole path or period, and what
+            is no part of this solution.
+        ValueError
+            If what it needs was not recorded.
 
         Examples
         --------
@@ -634,33 +651,30 @@ class Solution:
         >>> fall.value(fb.Output("velocity", ball, "y")).round(3)
         array([ 0.   , -0.981, -1.962])
         """
+        check_has_rows(output, "Solution.value: output")
         place: Any = output.of
+        name = output.quantity
         if isinstance(place, Scene):
+            for node in place.nodes[:1]:
+                _node_number(self, node)  # of another scene
             return getattr(self.energy, quantity_of(output).of)
         if isinstance(place, Beam):
-            return getattr(self.resultants(place), output.quantity)
+            return getattr(self.resultants(place), name)
         if is_section_force(output):
-            return getattr(self.resultants(place.beam).at(place.s), output.quantity)[:, 0]
-        measured = Measured(output, lambda beam: self.nodes_of_beam[beam.name])
-        if measured.contact:
-            contact = self.contact(place)
-            if output.quantity == "gap":
-                return contact.gap.min(axis=1)
-            return contact.force.sum(axis=1)[..., measured.component]
-        if measured.law_quantity == "energy":
-            return self.joint(place).energy
-        return measured.values(self._read)
+            return getattr(self.resultants(place.beam).at(place.s), name)[:, 0]
+        if isinstance(place, BeamPlace):
+            _beam_name(self, place.beam)
+            from .joint_and_contact_motion import values_in
 
-    def _read(self, array: str, entries: np.ndarray) -> np.ndarray:
-        """Entries (n, e) of a history, or (e,) of the positions "X"."""
-        if array == "X":
-            return self.X.reshape(-1)[entries]
-        if array in ("q", "v", "a") and len(entries) < 4:
-            number = int(entries[0]) // 3
-            if (entries // 3 == number).all():
-                return self._of_node(array, number)[:, entries - 3 * number]
-        rows = self.recorded(array)
-        return rows.reshape(len(rows), -1)[:, entries]
+            return values_in(self, output)
+        if isinstance(place, Node):
+            rows = self._at_node(name, place)
+        elif isinstance(place, Contact):
+            contact = self.contact(place)
+            rows = contact.gap.min(axis=1) if name == "gap" else contact.force.sum(axis=1)
+        else:
+            rows = getattr(self.joint(place), name)
+        return rows if output.component is None else rows[:, component_of(output)]
 
     # -- Files and tables -----------------------------------------------------------------------
 

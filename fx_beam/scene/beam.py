@@ -274,17 +274,17 @@ class BeamPlace:
         return number, (self.s - ends[number]) / (ends[number + 1] - ends[number])
 
     @property
-    def shares(self) -> tuple[slice, np.ndarray]:
-        """Nodes of its element among all of the beam, and their polynomials (degree + 1,) there."""
-        (element, _), degree = self.element, self.beam.degree
-        return slice(degree * element, degree * (element + 1) + 1), self.shares_and_slopes[0]
+    def nodes(self) -> slice:
+        """Nodes (degree + 1,) of its element among all of the beam."""
+        degree = self.beam.degree
+        first = degree * self.element[0]
+        return slice(first, first + degree + 1)
 
     @property
-    def shares_and_slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Polynomials (degree + 1,) of the nodes there, and their slopes along the element."""
-        nodes = np.linspace(0.0, 1.0, self.beam.degree + 1)
-        shares, slopes = lagrange_and_slopes(nodes, np.array([self.element[1]]))
-        return shares[0], slopes[0]
+    def shares(self) -> tuple[slice, np.ndarray]:
+        """These nodes, and their polynomials (degree + 1,) at the place."""
+        points = np.linspace(0.0, 1.0, self.beam.degree + 1)
+        return self.nodes, lagrange(points, np.array([self.element[1]]))[0]
 
 
 def checked_degree(degree: int, beams: Sequence[Beam], name: str) -> int:
@@ -299,7 +299,7 @@ def checked_degree(degree: int, beams: Sequence[Beam], name: str) -> int:
 
 
 def numbers_along(beam: Beam) -> np.ndarray:
-    """Numbers (n,) of all nodes of a beam in order; inner ones are behind all others of the scene."""
+    """Numbers (n,) of all nodes of a beam in order; inner ones are behind all of the scene."""
     scene: Any = beam.nodes[0].scene
     before, inner = scene.beams[: scene.beams.index(beam)], beam.degree - 1
     first = len(scene.nodes) + sum(other.elements for other in before) * inner

@@ -78,6 +78,8 @@ class ForceBetween:
     own: tuple[str, ...] = ()
     #: Whether it acts between its target and the ground, along a direction.
     to_ground: ClassVar[bool] = False
+    #: Whether it holds the nodes of a beam.
+    is_bed: ClassVar[bool] = False
     #: Kinds of the points of a rope over pulleys; empty for others.
     kinds: ClassVar[str] = ""
 
@@ -140,11 +142,22 @@ class ForceBetween:
         return [component for way in self.apart for component in way]
 
     def vectors(self, numbers: Any, moved: Sequence) -> list[tuple]:
-        """Vectors (x, y) from each point to the next one [m], by their changes since the start."""
+        """Vectors from each point to the next one.
+
+        Parameters
+        ----------
+        numbers, moved : sequence
+            As of `length`.
+
+        Returns
+        -------
+        list of (x, y)
+            Their components [m].
+        """
         return [(numbers[2 * i] + x, numbers[2 * i + 1] + y) for i, (x, y) in enumerate(moved)]
 
     def length(self, numbers: Any, moved: Sequence, turned: Sequence) -> Any:
-        """Length [m]: the sum of distances, or of free spans and arcs.
+        """The sum of distances, or of free spans and arcs.
 
         Parameters
         ----------
@@ -159,12 +172,27 @@ class ForceBetween:
         Returns
         -------
         (...) float
-            The length.
+            The length [m].
         """
         return sum(np.hypot(x, y) for x, y in self.vectors(numbers, moved))
 
     def rate(self, numbers: Any, moved: Sequence, rates: Sequence, spins: Sequence) -> Any:
-        """Rate of the length [m/s], also from the rates of the vectors and the spins of drums."""
+        """Rate of the length.
+
+        Parameters
+        ----------
+        numbers, moved : sequence
+            As of `length`.
+        rates : sequence of (x, y)
+            Rates of the vectors from each point to the next one [m/s].
+        spins : (first, last)
+            Spins of drums at both ends [rad/s].
+
+        Returns
+        -------
+        (...) float
+            The rate [m/s].
+        """
         pairs = zip(self.vectors(numbers, moved), rates, strict=True)
         return sum((x * vx + y * vy) / np.hypot(x, y) for (x, y), (vx, vy) in pairs)
 

@@ -53,6 +53,11 @@ class GroundSpring(ForceBetween):
     target: Node | Beam = None  # type: ignore[assignment]
     direction: np.ndarray | None = field(default=None, metadata=IS_DATA)
 
+    @property
+    def is_bed(self) -> bool:  # type: ignore[override]
+        """Whether it holds the nodes of a beam."""
+        return isinstance(self.target, Beam)
+
     def __str__(self):
         number = "" if self.number < 0 else f"force {self.number}, "
         way = "against rotation"

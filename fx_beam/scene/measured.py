@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.dual import Dual, MaybeDual, dual_array, floats
-from fx_beam.errors import require
 
 from .beam import Beam, BeamPlace, Node, numbers_along
 from .contacts import Contact
 from .forces_between import ForceBetween
 from .joints import Joint, NodalMotion, axial_rate
-from .outputs import Output, is_gear, quantity_of
+from .outputs import Output, component_of, is_gear, quantity_of
 from .sliders import SlidingJoint
 
 # Arrays with one entry for each joint or rope; others have three for each node or joint.
@@ -62,8 +62,8 @@ class Definition(NamedTuple):
 class Measured:
     """An output y = f(n, u): its value in rows of a host, and its derivatives there.
 
-    This is all that solutions, motions, linear systems and derivatives know of it. What an array is,
-    and how it depends on others, is known to the host: forces are means over a step.
+    This is all that solutions, motions, linear systems and derivatives know of it. What an array
+    is, and how it depends on others, is known to the host: forces are means over a step.
     """
 
     def __init__(self, output: Output, nodes_of: NodesOf | None = None):
@@ -72,8 +72,7 @@ class Measured:
         #: The output, and where it is measured.
         self.output, self.place = output, place
         self.name, self.quantity = output.quantity, quantity
-        count, component = len(quantity.components), output.component
-        index = None if component is None else quantity.components.index(component)
+        count, index = len(quantity.components), component_of(output)
         #: The component, or all of them.
         self.component = slice(None) if index is None else index
         #: Lengths of a value; none of a single number.
@@ -100,7 +99,7 @@ class Measured:
         """Derivatives that are not zero; without `read` of what `is_constant`."""
         k = len(self._floats)
         if self.is_linear:
-            yield from self._constant_slopes()
+            yield from self._constant_slopes
             if k:
                 assert read is not None
                 numbers = Dual(self._floats, np.eye(k))
@@ -128,11 +127,13 @@ class Measured:
     def _count(self) -> int:
         return self.shape[0] if self.shape else 1
 
-    def _constant_slopes(self) -> Iterator[Slope]:
-        zeros = [np.zeros(len(entries)) for _, entries in self.needs]
+    @cached_property
+    def _constant_slopes(self) -> list[Slope]:
+        slopes, zeros = list[Slope](), [np.zeros(len(entries)) for _, entries in self.needs]
         for i, (array, entries) in enumerate(self.needs):
             units = [*zeros[:i], np.eye(len(entries)), *zeros[i + 1 :]]
-            yield Slope(array, entries, self._function(self._floats, *units).T[None])
+            slopes.append(Slope(array, entries, self._function(self._floats, *units).T[None]))
+        return slopes
 
 
 def _definition(
@@ -177,7 +178,7 @@ def _of_place(quantity, place: BeamPlace, columns: np.ndarray, nodes_of: NodesOf
     """By the polynomials of an element's nodes; its number is the place in the element."""
     if quantity.of not in ("q", "v"):
         return Definition((), lambda numbers: numbers)  # a section force
-    nodes, count = nodes_of(place.beam)[place.shares[0]].tolist(), len(columns)
+    nodes, count = nodes_of(place.beam)[place.nodes].tolist(), len(columns)
     needs = [Need(quantity.of, np.concatenate([3 * node + columns for node in nodes]))]
     if quantity.is_place:
         needs.append(Need("X", np.concatenate([2 * node + columns for node in nodes])))
@@ -186,8 +187,7 @@ def _of_place(quantity, place: BeamPlace, columns: np.ndarray, nodes_of: NodesOf
         x, u = numbers[0] * (len(nodes) - 1), u + X
         total = 0.0
         for i in range(len(nodes)):
-            others = (j for j in range(len(nodes)) if j != i)
-            share = functools.reduce(lambda share, j: share * (x - j) / (i - j), others, 1.0)
+            share = math.prod((x - j) / (i - j) for j in range(len(nodes)) if j != i)
             total = total + share * u[..., i * count : (i + 1) * count]
         return total
 
@@ -225,7 +225,7 @@ def _of_joint(array: str, joint: Joint, columns: np.ndarray) -> Definition:
     )
 
 
-def _rate_of_slide(joint: Joint) -> Definition:
+def _rate_of_slide(joint: Any) -> Definition:
     """By offset and axis, the slide, rotation and spin of a, and the velocities of both."""
     a, b = joint.a.number, joint.b.number
     nodes = _Moving((a, b))
@@ -248,18 +248,21 @@ def _of_slider(name: str, joint: SlidingJoint, nodes_of: NodesOf) -> Definition:
     nodes = np.append(joint.b.number, nodes_of(joint.beam))
     entries = (3 * nodes[:, None] + np.arange(3)).ravel()
 
-    def function(numbers, slide, *qv):
-        rows = {key: np.reshape(u, (-1, len(nodes), 3)) for key, u in zip("qv", qv, strict=True)}
+    arrays = "q" if name == "angle" else "qv"
+
+    def function(numbers, slide, *parts):
+        pairs = zip(arrays, parts, strict=True)
+        rows = {array: np.reshape(u, (-1, len(nodes), 3)) for array, u in pairs}
         motion = NodalMotion(
             lambda array, node: rows[array][:, 0].T, lambda array, beam: rows[array][:, 1:]
         )
         return getattr(joint.kinematics, name)(motion, np.atleast_1d(slide[..., 0]))[..., None]
 
-    needs = Need("slides", np.array([joint.number])), Need("q", entries), Need("v", entries)
+    needs = Need("slides", np.array([joint.number])), *(Need(array, entries) for array in arrays)
     return Definition(needs, function, is_linear=False)
 
 
-def _of_line(name: str, line: ForceBetween) -> Definition:
+def _of_line(name: str, line: Any) -> Definition:
     """Length or rate of a line, or the angles of its arcs."""
     nodes, ends = _Moving(line.nodes), [line.nodes[0], line.nodes[-1]]
     kinds = line.kinds[:1], line.kinds[-1:]
@@ -279,11 +282,11 @@ def _of_line(name: str, line: ForceBetween) -> Definition:
 
     def wrap(numbers, q):
         arcs = np.broadcast_arrays(0.0 * q[..., 0], *line.arcs(numbers, *motion(q)))[1:]
-        return np.stack([np.sign(r) * arc for r, arc in zip(line.radii, arcs)], axis=-1)
+        return np.stack(arcs, axis=-1) * np.sign(line.radii)
 
-    function = {"rate": rate, "length": length, "wrap": wrap}[name]
+    functions: dict[str, Function] = {"rate": rate, "length": length, "wrap": wrap}
     needs = tuple(map(nodes.need, "qv" if name == "rate" else "q"))
-    return Definition(needs, function, dual_array(line.geometry), False)
+    return Definition(needs, functions[name], dual_array(line.geometry), False)
 
 
 def wraps(line: Any, read: Read) -> np.ndarray:
@@ -295,7 +298,6 @@ def wraps(line: Any, read: Read) -> np.ndarray:
 def _along(array: str, line: Any) -> Definition:
     """Displacement or rotation that a spring to the ground resists, or its rate."""
     node = line.target
-    require(isinstance(node, Node), "Output: of", str(line), "no bed: take those of its nodes")
     if line.direction is None:
         return _entries(array, np.array([3 * node.number + 2]))
     needs = (Need(array, 3 * node.number + np.arange(2)),)

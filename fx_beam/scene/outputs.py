@@ -27,6 +27,8 @@ class Quantity(NamedTuple):
     `measured` has it as a function of the state.
     """
 
+    #: Its SI unit; "N, N m" if that of a moment differs, "m or rad" if that of a rotation does.
+    unit: str
     components: tuple[str, ...] = ()
     #: Name of the history, or part of the energy, that has the quantity (of a joint: history of
     #: node b less that of node a); first column in the history.
@@ -37,46 +39,58 @@ class Quantity(NamedTuple):
     #: Whether it is that of a slide, if the joint has one, which is not linear.
     is_rate: bool = False
 
+    @property
+    def columns(self) -> slice | int:
+        """Its columns in the history of a node."""
+        first, count = self.column, len(self.components)
+        return slice(first, first + count) if count else first
+
 
 _PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
 CRITICAL_LOAD, PERIOD = "critical_load", "period"
 #: Quantities of nodes, joints, forces between points, scenes and beams by name.
 OF_NODES: dict[str, Quantity] = {
-    "position": Quantity(_PLANE, "q", is_place=True),
-    "displacement": Quantity(_PLANE, "q"),
-    "rotation": Quantity(of="q", column=2),
-    "velocity": Quantity(_PLANE, "v"),
-    "spin": Quantity(of="v", column=2),
-    "acceleration": Quantity(_PLANE, "a"),
-    "reaction": Quantity(_FORCE, "reactions"),
+    "position": Quantity("m", _PLANE, "q", is_place=True),
+    "displacement": Quantity("m", _PLANE, "q"),
+    "rotation": Quantity("rad", of="q", column=2),
+    "velocity": Quantity("m/s", _PLANE, "v"),
+    "spin": Quantity("rad/s", of="v", column=2),
+    "acceleration": Quantity("m/s^2", _PLANE, "a"),
+    "reaction": Quantity("N, N m", _FORCE, "reactions"),
 }
 SECTION_FORCES = "section_forces"
+_RESULTANTS = {"N": "N", "Q": "N", "M": "N m"}
 OF_PLACES = {
     name: OF_NODES[name] for name in ("position", "displacement", "rotation", "velocity", "spin")
-} | dict.fromkeys("NQM", Quantity(of=SECTION_FORCES))
+} | {name: Quantity(unit, of=SECTION_FORCES) for name, unit in _RESULTANTS.items()}
 OF_JOINTS: dict[str, Quantity] = {
-    "angle": Quantity(of="q", column=2),
-    "slide": Quantity(of="slides"),
-    "spin": Quantity(of="v", column=2),
-    "rate": Quantity(of="v", column=2, is_rate=True),
-    "force": Quantity(_FORCE, "joint_forces"),
-    "motor_force": Quantity(of="motor_forces"),
+    "angle": Quantity("rad", of="q", column=2),
+    "slide": Quantity("m", of="slides"),
+    "spin": Quantity("rad/s", of="v", column=2),
+    "rate": Quantity("m/s or rad/s", of="v", column=2, is_rate=True),
+    "force": Quantity("N, N m", _FORCE, "joint_forces"),
+    "motor_force": Quantity("N or N m", of="motor_forces"),
 }
 OF_LINES: dict[str, Quantity] = {
-    "force": Quantity(of="line_forces"),
-    "length": Quantity(of="q"),
-    "rate": Quantity(of="v"),
-    "energy": Quantity(of="line_energies"),
+    "force": Quantity("N or N m", of="line_forces"),
+    "length": Quantity("m or rad", of="q"),
+    "rate": Quantity("m/s or rad/s", of="v"),
+    "energy": Quantity("J", of="line_energies"),
 }
+# Its nodes have lengths and rates of their own.
+OF_BEDS = {name: OF_LINES[name] for name in ("force", "energy")}
 OF_CONTACTS: dict[str, Quantity] = {
-    "force": Quantity(_PLANE, "contact_forces"),
-    "gap": Quantity(of="gaps"),
+    "force": Quantity("N", _PLANE, "contact_forces"),
+    "gap": Quantity("m", of="gaps"),
 }
-OF_GEARS: dict[str, Quantity] = {"force": Quantity(of="joint_forces")}
+OF_GEARS: dict[str, Quantity] = {"force": Quantity("N or N m", of="joint_forces")}
 _ENERGIES = "kinetic strain potential springs total dissipated".split()
-OF_SCENES = {f"{part.removesuffix('s')}_energy": Quantity(of=part) for part in _ENERGIES}
-OF_SCENES |= {"work": Quantity(of="work"), CRITICAL_LOAD: Quantity(), PERIOD: Quantity()}
-OF_BEAMS = dict.fromkeys("NQM", Quantity(of="resultants"))
+OF_SCENES = {f"{part.removesuffix('s')}_energy": Quantity("J", of=part) for part in _ENERGIES}
+OF_SCENES["work"] = Quantity("J", of="work")
+#: Single numbers of a whole path, and of a periodic motion.
+SINGLE = {CRITICAL_LOAD: Quantity("1"), PERIOD: Quantity("s")}
+OF_SCENES |= SINGLE
+OF_BEAMS = {name: Quantity(unit, of="resultants") for name, unit in _RESULTANTS.items()}
 _OF_CLASSES: dict[type, dict[str, Quantity]] = {
     Scene: OF_SCENES,
     Beam: OF_BEAMS,
@@ -90,22 +104,22 @@ _OF_CLASSES: dict[type, dict[str, Quantity]] = {
 
 @dataclass(frozen=True)
 class Output:
-    """A quantity of a node, joint or rope that `Motion` measures and `linearise` observes.
+    """A quantity of a part of the scene that `Motion` measures and `linearise` observes.
 
-    `Response` also takes energies of the scene and stress resultants of beams, `StaticResponse` its
-    critical load, `PeriodicResponse` its period.
+    `Solution.value` has its rows. `Response` also takes energies of the scene and stress resultants
+    of beams, `StaticResponse` its critical load, `PeriodicResponse` its period.
 
     - of a node: "position" [m], "displacement" [m], "rotation" [rad], "velocity" [m/s], "spin"
       [rad/s], "acceleration" [m/s^2], "reaction" [N, N m]
     - of any place of a beam, ``beam.at(s)``: the first five of a node, and section forces "N" [N],
       "Q" [N], "M" [N m] from the balance of its element, as `BeamResultants.at` has them: for
-      responses, and for a `Motion` that records each step
+      solutions and responses, and for motions that record each step, also in `until`
     - of a joint: "angle" [rad], "slide" [m], "spin" [rad/s], "rate" [m/s or rad/s], "force" [N, N
       m], "motor_force" [N or N m]
     - of a rope, a force between points or a spring to the ground: "length" [m or rad] and its
       "rate" [m/s or rad/s], its "force" [N or N m], a pull, and the "energy" [J] of its spring and
       stops; of a bed only the last two
-    - of a contact, for `Motion` alone: "gap" [m], the least one of all its points, and "force" [N],
+    - of a contact, for motions alone: "gap" [m], the least one of all its points, and "force" [N],
       the sum of those on them
     - of a gear or rack: "force" [N m or N]
     - of a scene: "kinetic_energy" [J], "strain_energy" [J], "potential_energy" [J], "spring_energy"
@@ -139,8 +153,9 @@ class Output:
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
     >>> arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=10.0), elements=1)
-    >>> print(fb.Output("velocity", arm.end, "y"))
-    velocity.y of node 1 at (1, 0)
+    >>> speed = fb.Output("velocity", arm.end, "y")
+    >>> print(speed, speed.unit, speed.label, sep="; ")
+    velocity.y of node 1 at (1, 0); m/s; velocity y of node 1 at (1, 0) [m/s]
     """
 
     quantity: str
@@ -173,6 +188,8 @@ class Output:
     def _known(self) -> dict[str, Quantity]:
         if is_gear(self.of):
             return OF_GEARS
+        if isinstance(self.of, ForceBetween) and self.of.is_bed:
+            return OF_BEDS
         return next(known for kind, known in _OF_CLASSES.items() if isinstance(self.of, kind))
 
     @property
@@ -180,10 +197,42 @@ class Output:
         """Names of its components; empty for a single number."""
         return () if self.component else quantity_of(self).components
 
+    @property
+    def unit(self) -> str:
+        """SI unit of its values; "N, N m" for forces with their moment."""
+        units = quantity_of(self).unit.split(" or ")
+        unit = units[-1 if self._turns else 0]
+        if self.component is None:
+            return unit
+        return unit.split(", ")[-1 if self.component == "moment" else 0]
+
+    @property
+    def label(self) -> str:
+        """Name for columns of tables and axes of pictures, with the unit."""
+        name, part = self.quantity.replace("_", " "), f" {self.component}" if self.component else ""
+        return f"{name}{part} of {self._place} [{self.unit}]"
+
+    @property
+    def _turns(self) -> bool:
+        """Whether it is of a coordinate that is an angle."""
+        place: Any = self.of
+        if isinstance(place, Joint):
+            driven = place.driven if self.quantity == "motor_force" else []
+            return "slide" not in (driven or place.coordinates)
+        if is_gear(place):
+            return place.driven == "rotation"
+        return isinstance(place, ForceBetween) and getattr(place, "direction", place) is None
+
 
 def quantity_of(output: Output) -> Quantity:
     """Where the values of an output come from."""
     return output._known[output.quantity]
+
+
+def component_of(output: Output) -> int | None:
+    """Number of its component; None for all, or a single number."""
+    parts = quantity_of(output).components
+    return None if output.component is None else parts.index(output.component)
 
 
 def is_section_force(output: object) -> bool:
@@ -196,6 +245,16 @@ def is_section_force(output: object) -> bool:
 def is_gear(place: object) -> bool:
     """Whether it is a gear; its class is not loaded for scenes without any."""
     return hasattr(type(place), "terms")
+
+
+def check_has_rows(output: object, name: str) -> None:
+    """Refuse what is no output, and single numbers of a whole path or motion."""
+    require(isinstance(output, Output), name, output, "an fx_beam.Output")
+    assert isinstance(output, Output)
+    expected = (
+        "one of rows: critical_load is that of a StaticResponse, period of a PeriodicResponse"
+    )
+    require(output.quantity not in SINGLE, name, str(output), expected)
 
 
 def check_differentiable(output: Output, name: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import floats
+from fx_beam.dual import dual_array, floats, scene_number
 from fx_beam.errors import IS_DATA, SceneError, check_fields, is_one_of, real, real_array, require
 
 from .beam import Node
@@ -93,15 +93,16 @@ class RopeOverPulleys(ForceBetween):
     @property
     def steps(self) -> np.ndarray:
         """Differences (n - 1,) of the radii of neighbours [m]."""
-        return self.radii[:-1] - self.radii[1:]
+        radii = dual_array(self.radii)
+        return scene_number(radii[:-1] - radii[1:])
 
-    def spans(self, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def spans(self, ways: Any) -> tuple[Any, Any]:
         """Lengths (n - 1, ...) of the free spans [m], and angles from the centres' lines to them.
 
         `ways` (n - 1, 2, ...) are the vectors from each centre to the next one [m].
         """
         far = np.hypot(ways[:, 0], ways[:, 1])
-        steps = self.steps.reshape(-1, *[1] * (far.ndim - 1))
+        steps = dual_array(self.steps).reshape(-1, *[1] * (far.ndim - 1))
         return np.sqrt(far * far - steps * steps), np.arcsin(steps / far)
 
     def straight(self, ways: np.ndarray) -> np.ndarray:
@@ -114,21 +115,21 @@ class RopeOverPulleys(ForceBetween):
     @property
     def turns(self) -> np.ndarray:
         """Angles (n,) of the arcs where the length has no part of drums; less those of `spans`."""
-        ways = self.apart
+        ways = dual_array(self.apart)
         _, leans = self.spans(ways)
-        turns = list(leans[:1] * 0.0 - leans[:1])
+        turns = [0.0 - leans[0]]
         for i, (way, next_way) in enumerate(itertools.pairwise(ways), start=1):
             cross = way[0] * next_way[1] - way[1] * next_way[0]
             turn = np.arctan2(cross, way[0] * next_way[0] + way[1] * next_way[1])
             turns.append(turn + self._full_turns(i, turn + leans[i] - leans[i - 1]))
         return real_array([*turns, leans[-1]])
 
-    def _full_turns(self, i: int, turn: float) -> float:
+    def _full_turns(self, i: int, turn: Any) -> float:
         """Full turns [rad] that make an arc positive on its side; SceneError if none touches."""
         radius = float(self.radii[i])
         if not radius:
             return 0.0
-        arc = float(turn) * math.copysign(1.0, radius)
+        arc = float(floats(turn)) * math.copysign(1.0, radius)
         wrap = arc % (2 * math.pi)
         if wrap > 1.5 * math.pi:
             side = "left" if radius > 0 else "right"
@@ -151,7 +152,7 @@ class RopeOverPulleys(ForceBetween):
         """Free spans and arcs at the start, without what is wound on drums [m]."""
         spans, leans = self.spans(self.apart)
         bent = (self.turns * self.radii).sum() + (self.steps * leans).sum()
-        return float(spans.sum() + bent)
+        return float(floats(spans.sum() + bent))
 
     @property
     def drums(self) -> list[tuple[int, float]]:

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 _OTHERS = "energy", "internal", "spring_internal", "natural"
 # Rows that depend on fitted rates.
 _FITTED = {"v", "a", "joint_forces", "constraint_forces"}
+#: Means over a step, by the parts of a fit that change in it.
+MEANS = {"a": "corrections", "joint_forces": "joints", "constraint_forces": "constraints"}
 # Energies of a row, in their order.
 _ENERGIES = [field.name for field in fields(Energy) if field.name != "impact"]
 # Which energies have the work of driven motions.
@@ -186,13 +188,20 @@ def fitted(
     if model.couplings.driven:  # at rates that fit, other impulses do no work
         work = np.einsum("ni,ni->n", end_fit.rates, impulses)
         histories["energies"] = rows["energies"] + np.outer(work, _BY_DRIVEN)
-    changes = ("a", "corrections"), ("joint_forces", "joints"), ("constraint_forces", "constraints")
-    for name, change in changes:
-        if name in rows:
-            end, start = getattr(end_fit, change)[1:], getattr(start_fit, change)
-            mean = (end - start).reshape(rows[name][1:].shape) / _lengths(times, steps)[1:, None]
-            histories[name] = np.concatenate([rows[name][:1], rows[name][1:] + mean])
+    step_ends = type(end_fit)(*(values[1:] for values in end_fit))
+    for name in MEANS.keys() & rows.keys():
+        lengths = _lengths(times, steps)[1:, None]
+        means = fitted_mean(name, rows[name][1:], start_fit, step_ends, lengths)
+        histories[name] = np.concatenate([rows[name][:1], means])
     return histories
+
+
+def fitted_mean(
+    name: str, means: np.ndarray, start: Fit, end: Fit, lengths: float | np.ndarray
+) -> np.ndarray:
+    """Means over steps with what fits at their starts and ends add: impulses over the lengths."""
+    change = getattr(end, MEANS[name]) - getattr(start, MEANS[name])
+    return means + change.reshape(means.shape) / lengths
 
 
 def _lengths(times: np.ndarray, steps: np.ndarray) -> np.ndarray:
