@@ -1,4 +1,4 @@
-"""Runs of one program: no run changes it, nor another run, whatever their order and their threads."""
+"""Runs of one program: no run changes it, nor another run, in any order and in threads."""
 
 import hashlib
 import random
