@@ -263,7 +263,7 @@ def counts():
 
 def memory(call):
     """Bytes of the arrays that a call gives to C, by their names in C."""
-    from fx_beam.motions.set_ups import PROGRAMS
+    from fx_beam.step.program import PROGRAMS
     from fx_beam.step.tables import Problem
 
     PROGRAMS.clear()  # the scene is set up anew

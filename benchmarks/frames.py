@@ -22,9 +22,9 @@ from time import perf_counter, process_time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.motions.set_ups import PROGRAMS
 from fx_beam.step import stepper, tangent_storage
 from fx_beam.step.lu_layout import COSTS
+from fx_beam.step.program import PROGRAMS
 
 SECTION = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 

@@ -19,7 +19,7 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
     os.environ["XDG_CACHE_HOME"] = str(_cache / "fx_beam_tests")
 
 from fx_beam import c_library, errors, library_cache  # noqa: E402
-from fx_beam.motions import set_ups  # noqa: E402
+from fx_beam.step import program  # noqa: E402
 from fx_beam.step.loop import CompiledLoop  # noqa: E402
 from fx_beam.step.single_steps import CompiledSingleSteps  # noqa: E402
 
@@ -83,7 +83,7 @@ def no_libraries(monkeypatch, tmp_path):
     # A program has its libraries: what is compiled would depend on the tests before, also where
     # their garbage is collected late.
     gc.collect()
-    set_ups.PROGRAMS.clear()
+    program.PROGRAMS.clear()
     yield
 
 

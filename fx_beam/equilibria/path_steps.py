@@ -6,8 +6,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Equilibrium
-from fx_beam.motions.prepared import stats_of
-from fx_beam.motions.set_ups import model_for
+from fx_beam.motions.prepared import model_for, stats_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.turning_frame import TurningFrame

@@ -121,7 +121,7 @@ class Forms:
     def set_numbers(self, data: FormData) -> None:
         """Set all numbers, with the mesh, and begin anew."""
         self.parameters.set_functions(data.parameters)
-        self.points.set_numbers(data)
+        self.points.set_numbers(data.forces, data.followers, data.pairs)
         self.compiled_points.set_axes()
         if self.beams is not None:
             self.beams.set_numbers(data.beams)

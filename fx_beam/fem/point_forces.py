@@ -21,9 +21,8 @@ from .sparsity import positions_in
 if TYPE_CHECKING:
     from .compiled_laws import CompiledLaw
     from .line_laws import LineLaw
-    from .member_contacts import MemberContacts
+    from .member_contacts import MemberContacts, MemberPair
     from .mesh import Mesh
-    from .scene_data import FormData
 
 _NO_LINE = {"pieces": 0, "moves": [-1], "length_entries": 0, "others": 0, "level": 0.0}
 
@@ -217,17 +216,19 @@ class PointForces:
         if [*map(_without_numbers, by_role(forces))] != own_forces:
             raise OtherStructureError("forces at points are of other kinds")
 
-    def set_numbers(self, data: FormData) -> None:
+    def set_numbers(
+        self, forces: Sequence[PointForce], followers: Followers, pairs: list[MemberPair]
+    ) -> None:
         """Set the numbers of all forces, and of contact with members."""
         if not self.any:
             return
-        self.followers = data.followers
+        self.followers = followers
         if self.members is not None:
-            self.members.set_numbers(data.pairs)
+            self.members.set_numbers(pairs)
         if not self.placed:
             return
-        pairs = zip(self.placed, by_role(data.forces), strict=True)
-        self.placed = [placed._replace(force=force) for placed, force in pairs]
+        sorted_forces = zip(self.placed, by_role(forces), strict=True)
+        self.placed = [placed._replace(force=force) for placed, force in sorted_forces]
         for placed in self.placed:
             placed.numbers[:] = placed.force.numbers
         if self.parameters.names:

@@ -16,8 +16,7 @@ from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import Equilibrium, MidPoint
 from fx_beam.motions.initial_state import rates_of_columns, reference_state
 from fx_beam.motions.options import check_scene
-from fx_beam.motions.prepared import state_of
-from fx_beam.motions.set_ups import model_for
+from fx_beam.motions.prepared import model_for, state_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS

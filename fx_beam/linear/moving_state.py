@@ -12,8 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
 from fx_beam.motions.initial_state import reference_state
-from fx_beam.motions.prepared import state_of
-from fx_beam.motions.set_ups import model_for
+from fx_beam.motions.prepared import model_for, state_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.functions import constant

@@ -10,6 +10,7 @@ import numpy as np
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
+from fx_beam.laws.schemes import Scheme
 from fx_beam.results.records import Stats, stats_unchanged
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -20,13 +21,14 @@ from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model, fact
 from fx_beam.step.numbers import data_of
+from fx_beam.step.program import PROGRAMS
 from fx_beam.step.recorder import Recorder, Rows
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import Halving
 
 from .initial_state import Starts, check_joints, end_of, finds_accelerations_later
 from .options import Options
-from .set_ups import PROGRAMS
+from .surroundings import call_with_arrays
 
 # Energy that is round-off, relative to the sizes of its parts.
 _ROUND_OFF = 1e-11
@@ -179,6 +181,32 @@ def prepare(scene: Scene, options: Options, owned: bool = False) -> Prepared:
     prepared = Prepared(model, options)
     prepared.stats.setup_reason = reason
     return prepared
+
+
+def model_for(
+    scene: Scene,
+    scheme: Scheme,
+    own: dict[str, Model] | None = None,
+    name: str = "",
+    **options: bool,
+) -> Model:
+    """A model of a scene, by `options` of `Model`.
+
+    That of a `name` among models of the caller's `own`, if the scene has its structure: these get
+    the numbers of scene after scene.
+    """
+    call_with_arrays(scene)
+    if own is None:
+        return PROGRAMS.model_of(scene, scheme, **options)[0]
+    if (model := own.get(name)) is not None:
+        try:
+            model.set_numbers(data_of(model, scene))
+        except OtherStructureError:
+            pass
+        else:
+            return model
+    own[name] = PROGRAMS.model_of(scene, scheme, owned=True, **options)[0]
+    return own[name]
 
 
 def _come_and_gone(model: Model, start: Solution, state: State) -> float:

@@ -1,4 +1,4 @@
-"""What scenes of one structure share, and what each run has of its own."""
+"""Programs: what scenes of one structure share. What a run changes is in blocks of its own."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from threading import RLock
 from typing import Any
 
 from fx_beam.c_library import declared
+from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import MACROS
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError, Structure
 from fx_beam.shallow_copy import shallow_copy
 
 from .block import BlockPlan
@@ -59,3 +61,71 @@ class Program:
             del self._problems[next(iter(self._problems))]
         self._problems[kind] = entry
         return entry
+
+
+class Programs:
+    """The latest programs, by the structure of their scenes; threads may share them.
+
+    At most so many; all of them together have at most `size` degrees of freedom.
+    """
+
+    def __init__(self, size: int = 25_000, most: int = 8):
+        self.size, self._most = size, most
+        # With their keys; the latest one that was used is the last. Scenes of one structure in
+        # which other numbers are zero have programs of one key.
+        self._entries: list[tuple[tuple, Program]] = []
+
+    def model_of(
+        self, scene: Scene, scheme: Scheme, owned: bool = False, **options: bool
+    ) -> tuple[Model, str]:
+        """The model of a scene, and why it has a new program; empty if an earlier one serves.
+
+        By `options` of `Model`. A large scene has a program only if its model is `owned`: by a
+        caller who gives it the numbers of other scenes.
+        """
+        key, reason = (Structure(scene), scheme, *options.items()), ""
+        for entry in self._entries[::-1]:
+            if entry[0] == key:
+                try:
+                    model = entry[1].model_of(scene)
+                except OtherStructureError as other:
+                    reason = reason or str(other)
+                else:
+                    self._keep(entry)
+                    return model, ""
+        model = Model(scene, scheme, **options)
+        reason = reason or self._reason(key)
+        is_large = model.size > self.size
+        if is_large and not owned:
+            return model, reason
+        program = Program(model)
+        if not is_large:
+            self._keep((key, program))
+        return program.model_of(scene), reason
+
+    def clear(self) -> None:
+        """Keep no program; runs that have one go on."""
+        self._entries = []
+
+    def _keep(self, latest: tuple[tuple, Program]) -> None:
+        """Have a program as the latest, and drop the earliest ones beyond a number and a size."""
+        entries = self._entries
+        if entries and entries[-1] is latest:
+            return
+        kept, size = [latest], latest[1].model.size
+        for entry in [entry for entry in entries if entry is not latest][: -self._most : -1]:
+            if (size := size + entry[1].model.size) > self.size:
+                break
+            kept.append(entry)
+        self._entries = kept[::-1]
+
+    def _reason(self, key: tuple) -> str:
+        """Why no program serves: how the latest of a scene with as many parts differs."""
+        structure, *kind = key
+        for (other, *other_kind), _ in self._entries[::-1]:
+            if other_kind == kind and other.counts == structure.counts:
+                return other.difference(structure)
+        return "the first scene"
+
+
+PROGRAMS = Programs()

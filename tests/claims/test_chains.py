@@ -11,7 +11,7 @@ from jointed import chain as links
 from plain_step import assert_balanced
 
 import fx_beam as fb
-from fx_beam.motions.set_ups import PROGRAMS
+from fx_beam.step.program import PROGRAMS
 
 MASS, LENGTH, GRAVITY = 2.0, 0.1, 10.0
 SOFT = fb.Section(EA=1e4, GA=1e4, EI=50.0, rhoA=1.0, rhoI=0.01)

@@ -12,7 +12,7 @@ from derivatives import EXACT, outputs_of
 from registry import ONES, SCENES
 
 import fx_beam as fb
-from fx_beam.motions.set_ups import PROGRAMS
+from fx_beam.step.program import PROGRAMS
 
 # Other numbers, and places: x[5], x[7] and x[8] of the registry move nodes and joints.
 OTHERS = 1.0 - 0.004 * np.arange(len(ONES))
@@ -77,7 +77,7 @@ def test_no_run_changes_its_program_or_another_run(name):
 
     PROGRAMS.clear()
     first = digest(run(ONES))
-    (program,) = PROGRAMS._programs.values()
+    ((_, program),) = PROGRAMS._entries
     before = bytes_of(program)
     solutions = [run(x) for x in (OTHERS, ONES, OTHERS)]
     others, again, last = (digest(solution) for solution in reversed(solutions))

@@ -10,7 +10,7 @@ from jointed import frame, linkage
 from scenes import assert_refused, clamped_bar, held_body, pinned_bar
 
 import fx_beam as fb
-from fx_beam.motions.set_ups import PROGRAMS
+from fx_beam.step.program import PROGRAMS
 
 # -- Every number of a scene -----------------------------------------------------------------
 

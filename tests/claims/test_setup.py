@@ -11,7 +11,7 @@ from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.fem import ffcx_api
-from fx_beam.motions.set_ups import PROGRAMS
+from fx_beam.step.program import PROGRAMS
 
 
 def arm(elements=3, length=1.0, EA=1e4, force=1.0, degree=1, second=None, **more):

@@ -11,8 +11,8 @@ from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.content_cache import cached_property
-from fx_beam.motions.set_ups import PROGRAMS
 from fx_beam.step import full_turns, single_steps
+from fx_beam.step.program import PROGRAMS
 from fx_beam_studies import stability
 
 DT = 1 / 64

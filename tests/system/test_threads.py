@@ -9,8 +9,8 @@ import pytest
 
 import fx_beam as fb
 from fx_beam.equilibria.small_motions import SmallMotions
-from fx_beam.motions.set_ups import PROGRAMS
 from fx_beam.step import tangent_storage, threads
+from fx_beam.step.program import PROGRAMS
 from fx_beam.step.tables import Problem
 
 SIDE = 24

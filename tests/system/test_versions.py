@@ -14,8 +14,7 @@ from scenes import pinned_beam
 import fx_beam as fb
 from fx_beam import c_library
 from fx_beam.fem import ffcx_api
-from fx_beam.motions import set_ups
-from fx_beam.step import build
+from fx_beam.step import build, program
 
 # -- What the compiled loop takes ------------------------------------------------------------------
 
@@ -107,7 +106,7 @@ def test_all_c_compiles_with_clang_as_well(monkeypatch, no_libraries):
     monkeypatch.setattr(c_library.subprocess, "run", noted)
     monkeypatch.setenv("CC", "clang")
     monkeypatch.setattr(c_library, "_things", {})
-    set_ups.PROGRAMS.clear()
+    program.PROGRAMS.clear()
     solution = fb.simulate(pinned_beam()[0], **run)
     assert len(commands) == 4
     assert solution.q == pytest.approx(expected, abs=1e-9 * abs(expected).max())
