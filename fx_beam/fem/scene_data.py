@@ -1,4 +1,4 @@
-"""All numbers of a scene by the indices of a set-up: the one path from a scene to its numbers."""
+"""All numbers of a scene by the indices of a model: the one path from a scene to its numbers."""
 
 from __future__ import annotations
 

@@ -198,8 +198,8 @@ class Stats:
     setup_seconds : float
         Time for mesh, compilation and constant matrices [s].
     setup_reason : str
-        Why the scene was set up anew; empty if only its numbers were new: in a `Response`, a
-        `Motion` or `simulate`, after a scene of the same structure.
+        Why the scene was set up anew; empty if only its numbers were new, after a scene of the same
+        structure in a `Response`, a `Motion` or `simulate`.
     difference_reason : str
         By which numbers of a `Response` derivatives are differences of `build`, and why; empty if
         all follow from one call with dual numbers.
