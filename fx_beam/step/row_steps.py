@@ -15,7 +15,8 @@ from .recorder import Recorder
 def histories_of(recorder: Recorder) -> RecordedHistories:
     """Histories of the rows so far by their names in `Solution`."""
     model, n, fit = recorder.model, recorder.rows, None
-    rows = {name: array[:n] for name, array in recorder.arrays.items()}
+    arrays = recorder.arrays.items()  # views would take more memory than small arrays
+    rows = {name: array if len(array) == n else array[:n] for name, array in arrays}
     times, steps = recorder.grid.times, recorder.grid.steps[:n]
     if model.fits_rates:
         first, starts = recorder.starts.up_to_row[:n][:-1], None
