@@ -170,7 +170,7 @@ class FormTables:
                     strict=True,
                 ):
                     known.append(new.ravel())
-        return {name: tuple(map(np.concatenate, pair)) for name, pair in found.items()}
+        return {name: (np.concatenate(at), np.concatenate(of)) for name, (at, of) in found.items()}
 
     def move(self, coordinates: np.ndarray, block: Any) -> None:
         """Set coordinates of cells in a block."""
@@ -304,7 +304,8 @@ class CellData:
     """
 
     def __init__(self, fields: list[Field], cells: np.ndarray, lanes: int, ffi: Any, own: Any):
-        self._fields, self._cells, self._lanes = fields, cells, lanes
+        self._fields: list[Any] = fields
+        self._cells, self._lanes = cells, lanes
         self._ffi, self._of_c = ffi, own
         # Places of numbers in the arrays of the fields, in blocks, and the columns of each field.
         self._places: list[tuple[slice, np.ndarray]] = []
