@@ -269,7 +269,10 @@ class Problem:
         return load_library(self.storage.features, way)[1]
 
     def set(self, **values: object) -> None:
-        """Set `tables`, `numbers` and `work` of the struct by name, as `Structs.set`."""
+        """Set `tables`, `numbers` and `work` of the struct by name, as `Structs.set`.
+
+        All runs of a program have the same tables.
+        """
         self.structs.set(self.c, **values)
 
     @property

@@ -112,8 +112,8 @@ static void put_strains(const Natural *natural, const Numbers *s, const Work *w,
 static void put_joint(const Tables *p, const Numbers *s, const Work *w, const Derivatives *a, Linear *l, int first, int j) {
   const Layout *at_ = &l->at;
   int column = p->joints.slide_column[j], slides = column >= 0, map = at_->map + 1 + 4 * j;
-  double d0 = at(w->state.slides, p->joints.number[j]), d1 = d0 + at(w->z, column), *e = s->axis + 2 * j,
-      rest = a->slide_at_rest[j];
+  const double *e = s->axis + 2 * j, rest = a->slide_at_rest[j];
+  double d0 = at(w->state.slides, p->joints.number[j]), d1 = d0 + at(w->z, column);
   Track at_rest = track_of(p->joints.track[j], e, rest, rest);
   for (int end = 0; end < 2; ++end) {
     double share = end ? p->scheme.level : 1 - p->scheme.level, slopes[2][4] = {{0}};

@@ -6,7 +6,7 @@
 
 /* Numbers of the elements of an integral, [block][..][lane]: coordinates x and y of each place. Coefficients that do not move: blocks
    with equal ones share them, so that each has its number among those stored. */
-typedef struct { const Integral *of; double *coordinates, *data; int *data_at; } Cells;
+typedef struct { const Integral *of; const double *coordinates, *data; const int *data_at; } Cells;
 
 /* Compiled forms that are evaluated together: one integral for each law. */
 typedef struct { int integrals; const FormTables *tables; Cells *cells; double *constants; } Form;
@@ -19,7 +19,7 @@ typedef struct {
 } Forms;
 
 /* A frame that turns: arms of the displacements in the reference, and square of its spin. */
-typedef struct { double *arm; double spin_squared; } Frame;
+typedef struct { const double *arm; double spin_squared; } Frame;
 
 /* Numbers of a scene: positions [node][x, y]; 1 / size of a unit correction of each degree of freedom, and the same for errors of
    steps; mass, the same, and rotary inertia of each pair of nodes, with a number behind all; weights with which a viscosity resists
@@ -27,6 +27,6 @@ typedef struct { double *arm; double spin_squared; } Frame;
    strains, forces of unit loads, and the weight of all nodes; values of parameters with which forms and laws are evaluated, those
    of the state where they do not vary. */
 typedef struct {
-  double *position, *per_unit, *per_error, *mass, *viscous_weight, *offset, *axis, *gears, *natural, *load_force, *weight, *parameters;
-  Forms forms; PointForces *points; Frame frame;
+  const double *position, *per_unit, *per_error, *mass, *viscous_weight, *offset, *axis, *gears, *natural, *load_force, *weight;
+  double *parameters; Forms forms; PointForces *points; Frame frame;
 } Numbers;

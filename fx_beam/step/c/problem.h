@@ -1,9 +1,9 @@
 /* What the loop reads and writes, its inputs and its output. There are three kinds of data:
 
    - Tables (tables.h) say how a scene is made: its indices, couplings, layout of factors, joints, and the scheme. All scenes of one
-     structure have the same, in all their runs and threads; nothing changes them.
+     structure have the same, in all their runs and threads; nothing changes them: all is const.
    - Numbers (numbers.h) are what such scenes differ in: places, masses, loads, arms of joints, properties of beams and of forces.
-     Each run has its own. They stay as they are, but for parameters that vary, and for what forms and forces at points are given.
+     Each run has its own. Arrays are const, but for parameters that vary, and for what forms and forces at points are given.
    - Work (work.h) is what a run computes: its state and past, factors, counts, what Newton's method leaves behind, and room.
 
    A Problem has all three. Functions that others call take it; those behind them take the parts that they need: `p` are the tables

@@ -39,12 +39,12 @@ typedef struct {
   Batch *batch; int cells;
   /* [block][..][lane]: the first degree of freedom of each node, where it is read and added to; of pairs of degrees of freedom of
      a cell indices in the tangent; of internal variables and natural strains those in the ones of all cells. */
-  int *dofs, *to, *stored_at, *internal, *natural;
+  const int *dofs, *to, *stored_at, *internal, *natural;
   /* In a chain instead, for pairs of nodes with entries in three rows of a group: [block][row's node, column's node][lane] index
      of the first. Other entries: where those of each block begin, their indices among the element tensors, and in the tangent. */
-  int *run, *single_start, *single_from, *single_to;
+  const int *run, *single_start, *single_from, *single_to;
   /* Of a large scene colours, with the pieces of so many blocks that each has, which have no node in common: threads share them. */
-  int colours, *colour_start, *piece;
+  int colours; const int *colour_start, *piece;
 } Integral;
 
 enum { PIECE = 16 };
@@ -53,52 +53,52 @@ enum { PIECE = 16 };
    each of those that do not move is among these. Indices among the constants, or -1, that of the first parameter last; which ones
    of the scene the parameters are. */
 typedef struct {
-  int width, moving, *kind, *offset, data_width, *data_column;
-  int time_at, dt_at, memory_at, parameters_at, parameters, *parameter;
+  int width, moving, data_width; const int *kind, *offset, *data_column;
+  int time_at, dt_at, memory_at, parameters_at, parameters; const int *parameter;
 } FormTables;
 
-/* Nodes and elements of the beams: degrees of freedom without mass; how many threads share the elements. */
-typedef struct { int nodes, cell_dofs, cell_coordinates, massless_count, *massless, threads; } Mesh;
+/* Nodes and elements of the beams: how many threads share the elements; degrees of freedom without mass. */
+typedef struct { int nodes, cell_dofs, cell_coordinates, massless_count, threads; const int *massless; } Mesh;
 
 /* Internal variables of beams, with a factor for each of a cell. */
-typedef struct { int per_cell; double *per_weight; } Internal;
+typedef struct { int per_cell; const double *per_weight; } Internal;
 
 /* Natural strains: their number, and those of a cell; where unit ones have strains, in compressed rows. */
-typedef struct { int count, per_cell, *start, *at; } Natural;
+typedef struct { int count, per_cell; const int *start, *at; } Natural;
 
-/* Where unit loads have forces, in compressed rows; number of follower forces, the first external ones. */
-typedef struct { int count, *start, *dof, follower_forces; } Loads;
+/* Number of follower forces, the first external ones; where unit loads have forces, in compressed rows. */
+typedef struct { int count, follower_forces; const int *start, *dof; } Loads;
 
 /* The full tangent in compressed rows; `stored_at` has the storage index of each value. Entries that are
    entries of the reduced tangent share its storage; the others are behind it. */
 typedef struct {
   int stored;            /* number of values */
-  int *row_start, *column_of, *stored_at;
-  int reacting, *reacts; /* rows with forces of supports and joints */
+  const int *row_start, *column_of, *stored_at;
+  int reacting; const int *reacts; /* rows with forces of supports and joints */
 } Tangent;
 
 /* Pattern of the mass matrix, in compressed rows of nodes: the first degree of freedom of each column's node; where the tangent
    has the numbers of each pair of nodes [pair][3]. */
-typedef struct { int *start, *dof, *stored_at; } Mass;
+typedef struct { const int *start, *dof, *stored_at; } Mass;
 
 /* Displacements and rotations x = g(z) of the columns z, which are unknowns, then driven and fixed ones, with T = dg/dz, and
    Tv for virtual displacements. Each entry of both is a sign times one of the values of the joints: number 0 is the constant 1,
    and joint j has those from 1 + 4 j on. */
 typedef struct {
-  int count, *row, *column, *value; double *sign;
+  int count; const int *row, *column, *value; const double *sign;
   int equal;            /* number of the first entries, which are 1: all, one of each row in turn, where nothing is COUPLED */
 } Map;
 
 /* Joints whose arms depend on the motion: rotations of the carrier and of the node it carries (-1: ground), column of the
    slide (-1: none), number among all joints, kind of Track; signs of the arm's components in what they move. */
 typedef struct {
-  int count, *carrier, *carried_node, *slide_column, *number, *track; double *sign;
-  int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
+  int count; const int *carrier, *carried_node, *slide_column, *number, *track; const double *sign;
+  int followers; const int *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
 } Joints;
 
 /* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (graph.py). Each
    is a sum of entries of T, and of arms. */
-typedef struct { int count, entries, arms; int *of, *column, *value, *arm_of, *arm; double *sign; } Auxiliary;
+typedef struct { int count, entries, arms; const int *of, *column, *value, *arm_of, *arm; const double *sign; } Auxiliary;
 
 /* How many nodes slide on beams, and how many numbers their paths have (scene/beam_axis.py). */
 typedef struct { int count, path_numbers; } Sliders;
@@ -108,57 +108,57 @@ typedef struct { int count, path_numbers; } Sliders;
    a row (chain.h), 0 if they are more entangled; positions, more than unknowns where groups of a chain have fewer than three;
    entries that are 1: diagonals of these and of auxiliary unknowns, and another one. */
 typedef struct {
-  int unknowns, band, chain, positions, paddings, *padding;
+  int unknowns, band, chain, positions, paddings; const int *padding;
   /* The tangent beside sparse rows of factors, in compressed rows of the unknowns. */
-  int *tangent_start, *tangent_column;
+  const int *tangent_start, *tangent_column;
   /* Of each column of the scene the row of the forces on it, and its unknown: -1 for none, or a bordering row. */
-  int *row_of, *unknown_of;
+  const int *row_of, *unknown_of;
 } System;
 
 /* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
    sides; whether they are among the sparse rows, and which column is the pivot of each there. */
 typedef struct {
-  int rows, carriers, block, inside, *pivot;
-  int bordered, *bordered_unknown, *bordered_row; /* unknowns of them that stand alone among the others */
-  int beside, *beside_row, *beside_column, *beside_at; /* entries of the tangent in them, and where these are stored */
+  int rows, carriers, block, inside; const int *pivot;
+  int bordered; const int *bordered_unknown, *bordered_row; /* unknowns of them that stand alone among the others */
+  int beside; const int *beside_row, *beside_column, *beside_at; /* entries of the tangent in them, and where these are stored */
 } Border;
 
 /* How the reduced tangent is made of the full one. Entries that are added as they are: */
-typedef struct { int count, *to, *from; } Direct;
+typedef struct { int count; const int *to, *from; } Direct;
 
 /* Entries times an entry of Tv and an entry of T. Entries of T and Tv of auxiliary unknowns and of closures, in equations and in
    the balance of what their forces act on, are such products with a stored 1. From number `stiffened` on there are also products
    of two entries of a closure with the stiffness of closures, which is stored at `stiffness_at`. */
-typedef struct { int count, *to, *from, *virtual, *value; double *sign; int stiffened, stiffness_at; } Coupled;
+typedef struct { int count; const int *to, *from, *virtual, *value; const double *sign; int stiffened, stiffness_at; } Coupled;
 
 /* Derivatives of Tv times the forces of joints: by the rotation of the carrier (kind 0 of the lever, 2 of the slide's force) or
    by the slide (1 and 3). */
-typedef struct { int count, *to, *joint, *kind; double *sign; } Geometric;
+typedef struct { int count; const int *to, *joint, *kind; const double *sign; } Geometric;
 
 /* Closures: components of the displacements of b less a and the arm of joints that close loops, which are zero. Loops that
    share unknowns are a block, of which the closures and columns follow each other. Columns on which closures depend, the first of
    which are unknowns; degrees of freedom (-1: ground); arm (-1: none); joint force. */
 typedef struct {
-  int closures, blocks, columns, *b, *a, *arm, *force;
+  int closures, blocks, columns; const int *b, *a, *arm, *force;
   /* Derivatives of closures: entries of T or Tv, those of each closure from its start on; entries of auxiliary unknowns on
      which they depend, in the order in which these are collected; which of the loops' columns they have. */
-  int *entry_start, *entry_column, *entry_value; double *entry_sign; int *auxiliary_start, *auxiliary; int *start, *near;
+  const int *entry_start, *entry_column, *entry_value, *auxiliary_start, *auxiliary, *start, *near; const double *entry_sign;
   /* Columns of the scene and their units; arms in the reference; what makes lengths of closures, as some are angles; length of a
      closed one; [blocks + 1] where each begins, the last in its factors; room for rows of an elimination in Work. */
-  int *column; double *unit, *arm_at_rest, *length, closed;
-  int *block_closure, *block_column, *block_part, pivoting_size;
+  const int *column; double closed; const double *unit, *arm_at_rest, *length;
+  int pivoting_size; const int *block_closure, *block_column, *block_part;
   /* Closures with nodes on beams, whose forces are bordering rows from `carriers` on. The stiffness of closures is from the
      diagonals stored there, with a unit [size] of each unknown. */
-  int carried, *carried_closure, scales, *scale_at; double *scale_unit;
+  int carried, scales; const int *carried_closure, *scale_at; const double *scale_unit;
 } Loops;
 
 /* Gears: terms, two of each, which are a weight times the rotation of b less that of a (-1: ground), or times the slide of a moving
    joint (-1: none), and whose sum is a closure. Term t has the value behind those of joints. */
-typedef struct { int count, *closure, *joint, *a, *b; } Gears;
+typedef struct { int count; const int *closure, *joint, *a, *b; } Gears;
 
 /* Forces at points in the scene: number of their internal variables; lines between points, whose pulls are recorded; whether
    friction follows forces of joints; where the tangent has the entries of theirs, -1 for none. */
-typedef struct { int spring_width, lines, friction_follows, *stored_at; } AtPoints;
+typedef struct { int spring_width, lines, friction_follows; const int *stored_at; } AtPoints;
 
 /* Parameters of the user's functions: whether they vary, and stored energies with them. */
 typedef struct { int count, vary, energies_vary; } Parameters;
@@ -168,7 +168,7 @@ typedef struct { int count, vary, energies_vary; } Parameters;
 typedef struct {
   int rule, at_rest, keeps_previous, sub_steps; double level, beta, gamma, alpha_m; double fractions[SUB_STEPS];
   /* Rules of a user, of which the sub-steps take turns; where the tangent has all entries of a pair of nodes [pair][3][3]. */
-  int rules, *rule_stored_at; Law **nodal_rule;
+  int rules; const int *rule_stored_at; Law **nodal_rule;
 } Scheme;
 
 /* Options of Newton's method. */
@@ -178,16 +178,16 @@ typedef struct {
 
 /* Driven columns: those of prescribed degrees of freedom, so many, then motors. Degrees of freedom a and b between which their
    forces do work (-1: the ground), b the prescribed one; but for motors on slides. */
-typedef struct { int prescribed, *a, *b, *slides; } Motors;
+typedef struct { int prescribed; const int *a, *b, *slides; } Motors;
 
 /* How forces of joints pass through these from the nodes that follow to those that lead (-1: none), the former first; first
    displacements, then rotations. `joints` are all of the scene. */
-typedef struct { int joints, count, force_count, *dof, *to, *of; double *sign; } Passes;
+typedef struct { int joints, count, force_count; const int *dof, *to, *of; const double *sign; } Passes;
 
 /* Parts with energies of their own, if there are several: runs of degrees of freedom and of unknowns, and the part of each;
    for each part those whose energies together are its own. */
 typedef struct {
-  int count, dof_runs, *dof_run_start, *dof_run_part, column_runs, *column_run_start, *column_run_part, *inside_start, *inside;
+  int count, dof_runs, column_runs; const int *dof_run_start, *dof_run_part, *column_run_start, *column_run_part, *inside_start, *inside;
 } Parts;
 
 /* Tables of a program; of the columns the free ones are the unknowns, driven ones follow. */
