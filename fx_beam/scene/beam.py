@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import dual_array, floats
+from fx_beam.dual import MaybeDual, dual_array, floats, scene_number
 from fx_beam.errors import (
     IS_DATA,
     LARGEST,
@@ -439,14 +439,21 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
         )
     counts = _spread(elements, lengths, name)
     if sum(counts) == len(counts):  # quickly, as in frames of many members
-        return Layout(points, np.concatenate(([0.0], np.cumsum(lengths))))
-    ends, positions, fractions = [points[0]], [corners[:1]], dual_array(places)
-    for a, b, count, corner in zip(fractions[:-1], fractions[1:], counts, points[1:], strict=True):
+        return Layout(points, _lengths_to(dual_array(places)))
+    joints = dual_array(places)
+    ends, positions = [points[0]], [joints[:1]]
+    for a, b, count, corner in zip(joints[:-1], joints[1:], counts, points[1:], strict=True):
         piece_points = np.linspace(a, b, count + 1)[1:]
         ends += [*map(tuple, piece_points[:-1].tolist()), corner]
-        positions.append(floats(piece_points))
-    steps = np.diff(np.concatenate(positions), axis=0)
-    return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
+        positions.append(piece_points)
+    return Layout(ends, _lengths_to(np.concatenate(positions)))
+
+
+def _lengths_to(points: MaybeDual) -> np.ndarray:
+    """Lengths (n,) of the straight way to each of some points (n, 2) [m], with their slopes."""
+    steps = np.diff(points, axis=0)
+    lengths = np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))
+    return scene_number(np.concatenate([np.zeros(1), lengths]))
 
 
 def listed_points(points, name: str) -> tuple[list, np.ndarray]:
