@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.fem.point_values import PointValues
@@ -21,6 +20,8 @@ _FORCES = {
     "joint_forces": ("joints", "forces of joints", "impulses of joints"),
     "constraint_forces": ("constraints", "forces of columns", "impulses of columns"),
 }
+# Slopes of what has entries of a state as components.
+_UNITS = np.eye(3)
 # Pulls (lines,) at the start of a run.
 _AT_START = "forces of lines"
 
@@ -85,19 +86,23 @@ class LocalOutput(RowOutput):
         rows: np.ndarray,
         slopes: np.ndarray,
         places: np.ndarray | None = None,
-        factor: ArrayLike = 1.0,
+        factors: np.ndarray | None = None,
     ) -> Iterator[Block]:
         """Derivatives in rows (k,): those of each are in `slopes`, or are the same in all."""
-        _, count, width = slopes.shape
-        if len(rows) and width:
-            values = (slopes if len(slopes) == 1 else slopes[rows]) * np.reshape(factor, (-1, 1, 1))
-            values = np.broadcast_to(values, (len(rows), count, width))
-            if count == width == np.count_nonzero(values[0]) and values[0].diagonal().all():
-                parts = np.arange(count)  # each component has one entry
-                yield Block(name, entries, rows, values[:, parts, parts], places, parts)
-                return
-            for part in range(count):
-                yield Block(name, entries, rows, values[:, part], places, part)
+        n, count, width = slopes.shape
+        if not (len(rows) and width):
+            return
+        values = slopes if n == 1 else slopes[rows]
+        if factors is not None:
+            values = values * factors[:, None, None]
+        values = np.broadcast_to(values, (len(rows), count, width))
+        are_entries = n == 1 and np.array_equal(slopes[0], _UNITS[:count, :count])
+        if are_entries or count == width == 1:
+            parts = np.arange(count)  # each component by its own entry
+            yield Block(name, entries, rows, values[:, parts, parts], places, parts)
+            return
+        for part in range(count):
+            yield Block(name, entries, rows, values[:, part], places, part)
 
     def _at(self, name: str, entries: np.ndarray) -> np.ndarray:
         known = self._places.entries.get(name)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from .contact_gaps import GapsAndNormals, Moved, columns_of, gaps_and_normals, n
 if TYPE_CHECKING:
     from fx_beam.scene.gears import Gear
 
+# What was read of parts of solutions, by its name and the part.
+_MEASURED: WeakKeyDictionary[Any, dict[tuple[str, Any], Measured]] = WeakKeyDictionary()
+
 
 @dataclass(frozen=True, repr=False)
 class _PartMotion:
@@ -33,12 +37,22 @@ class _PartMotion:
     solution: Any
 
     def __repr__(self):
-        part = getattr(self, fields(self)[1].name)
-        return f"<{part} over {len(self.solution.t)} rows>"
+        return f"<{self._part} over {len(self.solution.t)} rows>"
 
-    def _value(self, quantity: str) -> np.ndarray:
-        """A quantity of the part as an output."""
-        return values_in(self.solution, Output(quantity, getattr(self, fields(self)[1].name)))
+    @property
+    def _part(self) -> Any:
+        return getattr(self, self.__match_args__[-1])
+
+    def _value(self, name: str) -> np.ndarray:
+        """A quantity of the part by its definition, which is kept with the solution."""
+        known = _MEASURED.setdefault(self.solution, {})
+        if (key := (name, self._part)) not in known:
+            known[key] = measured_in(self.solution, Output(*key))
+        return values_in(self.solution, known[key])
+
+    def _rows(self, history: str) -> np.ndarray:
+        """The rows of a history that are those of the part."""
+        return self.solution.recorded(history)[:, self._part.number]
 
     def _mean_force(self, force: np.ndarray) -> np.ndarray:
         """Forces (steps,) in the middle of steps, from those (n,) at the level of the scheme."""
@@ -97,7 +111,7 @@ class JointMotion(_PartMotion):
         Of a node that slides on a beam: its arc length from the start of the beam.
         """
         self._check(self.joint.slide is not None, "slide")
-        return self._value("slide")
+        return self._rows("slides")
 
     @property
     def spin(self) -> np.ndarray:
@@ -118,12 +132,12 @@ class JointMotion(_PartMotion):
 
         Springs, dampers and motors are included.
         """
-        return self._value("force")
+        return self._rows("joint_forces")
 
     @property
     def motor_force(self) -> np.ndarray:
         """Force (n,) [N] of the motor or lock, or its moment [N m] on b, at `t_level`."""
-        forces = self._value("motor_force")
+        forces = self._rows("motor_forces")
         self._check(bool(self.joint.driven or forces.any()), "motor")  # a latch may have locked it
         return forces
 
@@ -182,8 +196,14 @@ def internal_variable(solution, known: Mapping[str, np.ndarray], name, owner: st
     return known[name]
 
 
-def values_in(solution, output: Output) -> np.ndarray:
-    """Values (n, ...) of an output of a place, a joint or a line by its definition."""
+def measured_in(solution, output: Output) -> Measured:
+    """An output, measured in a solution, which it does not keep."""
+    nodes_of_beam = solution.nodes_of_beam
+    return Measured(output, lambda beam: nodes_of_beam[beam.name])
+
+
+def values_in(solution, measured: Measured) -> np.ndarray:
+    """Values (n, ...) of an output of a place, a joint or a line."""
 
     def read(array: str, entries: np.ndarray) -> np.ndarray:
         if array == "X":
@@ -191,7 +211,7 @@ def values_in(solution, output: Output) -> np.ndarray:
         rows = solution.recorded(array)
         return rows.reshape(len(rows), -1)[:, entries]
 
-    return Measured(output, lambda beam: solution.nodes_of_beam[beam.name]).values(read)
+    return measured.values(read)
 
 
 def motion_of(solution) -> NodalMotion:
@@ -239,7 +259,7 @@ class PullMotion(_PartMotion):
         spring to the ground the force, or moment [N m], against an increase of `length`; of a bed
         that on all of the beam.
         """
-        return self._value("force")
+        return self._rows("line_forces")
 
     @property
     def length(self) -> np.ndarray:
@@ -355,7 +375,7 @@ class GearMotion(_PartMotion):
 
         On b of `joint_a` it is that times -ratio. Of a rack the force [N] on b along the slide.
         """
-        return self._value("force")
+        return self._rows("joint_forces")[:, self.gear.column]
 
     @property
     def difference(self) -> np.ndarray:

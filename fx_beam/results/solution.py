@@ -664,9 +664,9 @@ class Solution:
             return getattr(self.resultants(place.beam).at(place.s), name)[:, 0]
         if isinstance(place, BeamPlace):
             _beam_name(self, place.beam)
-            from .joint_and_contact_motion import values_in
+            from .joint_and_contact_motion import measured_in, values_in
 
-            return values_in(self, output)
+            return values_in(self, measured_in(self, output))
         if isinstance(place, Node):
             rows = self._at_node(name, place)
         elif isinstance(place, Contact):

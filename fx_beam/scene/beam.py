@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import dual_array, floats
+from fx_beam.dual import MaybeDual, dual_array, floats, scene_number
 from fx_beam.errors import (
     IS_DATA,
     LARGEST,
@@ -428,25 +428,35 @@ def _known(points: tuple, elements: int, name: str) -> tuple[tuple, np.ndarray]:
 def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
     """Nodes along a polyline for points of any kind."""
     points, places = listed_points(points, f"beam {name!r}")
-    corners = np.asarray(places)
-    lengths = np.hypot(*(corners[1:] - corners[:-1]).T)
+    joints, corners = dual_array(places), np.asarray(places)
+    lengths = _distances(joints)
     extent = (corners.max(axis=0) - corners.min(axis=0)).max()
     shortest = max(1e-12 * extent, 1e-15 * abs(corners).max())
-    for i in np.flatnonzero(lengths <= shortest):
+    for i in np.flatnonzero(floats(lengths) <= shortest):
         raise SceneError(
             f"beam {name!r}: the points {i} and {i + 1} coincide at ({corners[i, 0]:g}, "
             f"{corners[i, 1]:g}). Remove one of them"
         )
-    counts = _spread(elements, lengths, name)
+    counts = _spread(elements, floats(lengths), name)
     if sum(counts) == len(counts):  # quickly, as in frames of many members
-        return Layout(points, np.concatenate(([0.0], np.cumsum(lengths))))
-    ends, positions, fractions = [points[0]], [corners[:1]], dual_array(places)
-    for a, b, count, corner in zip(fractions[:-1], fractions[1:], counts, points[1:], strict=True):
+        return Layout(points, _sums(lengths))
+    ends, positions = [points[0]], [joints[:1]]
+    for a, b, count, corner in zip(joints[:-1], joints[1:], counts, points[1:], strict=True):
         piece_points = np.linspace(a, b, count + 1)[1:]
         ends += [*map(tuple, piece_points[:-1].tolist()), corner]
-        positions.append(floats(piece_points))
-    steps = np.diff(np.concatenate(positions), axis=0)
-    return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
+        positions.append(piece_points)
+    return Layout(ends, _sums(_distances(np.concatenate(positions))))
+
+
+def _distances(points: MaybeDual) -> MaybeDual:
+    """Distances (n - 1,) of neighbours among points (n, 2) [m]."""
+    steps = points[1:] - points[:-1]
+    return np.hypot(steps[:, 0], steps[:, 1])
+
+
+def _sums(lengths: MaybeDual) -> np.ndarray:
+    """Arc lengths (n + 1,) at the ends of elements with some lengths (n,), with their slopes."""
+    return scene_number(np.concatenate([[0.0], np.cumsum(lengths)]))
 
 
 def listed_points(points, name: str) -> tuple[list, np.ndarray]:

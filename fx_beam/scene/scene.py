@@ -30,7 +30,7 @@ from .curve import Curve, layout
 from .forces_between import ForceBetween, Point, Pull, checked_force, rope_spring
 from .functions import ArrayCalls, Signal
 from .inputs import Input, TimeValue, time_function
-from .joints import GROUND, Joint, Revolute, Rigid, coupling_of, direction, moved_by, placed
+from .joints import GROUND, Joint, Revolute, Rigid, coupling_of, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .parameters import Parameters, is_parameter
@@ -873,9 +873,11 @@ class Scene:
         from .ground_springs import GroundSprings, ground_spring
 
         loads.check_node(self, node, "spring")
-        forwards = dual_array(direction(axis, "spring: axis"))
-        left = scene_number(np.stack([-forwards[1], forwards[0]]) + 0.0)  # no -0
-        ways = scene_number(forwards), left, None
+        forwards = dual_array(vector(axis, 2, "spring: axis"))
+        size = np.hypot(*forwards)
+        require(bool(size > 0), "spring: axis", axis, "a direction")
+        left = np.stack([-forwards[1], forwards[0]]) + 0.0  # no -0
+        ways = scene_number(forwards / size), scene_number(left / size), None
         directions = zip(("x", "y", "rotation"), (x, y, rotation), ways, strict=True)
         springs = {
             name: ground_spring(node, laws, way, f"spring: {name}")
