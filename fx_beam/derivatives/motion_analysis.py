@@ -74,7 +74,7 @@ class MotionAnalysis(Analysis):
         lock = run.prepared.model.lock  # alone: a run has all its rows
         self.parameters.using = lambda: lock
         if self._series.tape is not None:
-            self._series.tape.last = run.recorder.end
+            self._series.tape.last = run.prepared.loop.state.read()
         if isinstance(read, Solution):
             self.t = read.t
             return self.t, self.read(read)

@@ -189,11 +189,13 @@ class Shooting:
     def _advance(self, state: State, times: np.ndarray, recorder: Recorder | None = None) -> State:
         """The state after steps, which are on the tape."""
         self.tape.clear()
-        self.prepared.stepper.load(state)
+        stepper = self.prepared.stepper
+        stepper.load(state)
         if recorder is None:
             recorder = Recorder(self.model, times, _NOTHING)
             recorder.begin(state)
-        self.tape.last = self.prepared.stepper.advance(state, times[1:], 1, recorder)
+        stepper.advance(times[1:], 1, recorder)
+        self.tape.last = stepper.loop.state.read()
         return self.tape.last
 
     def settled(self, state: State, parameter: float, periods: int) -> State:
@@ -252,9 +254,9 @@ class Shooting:
         with self.model.lock:  # another thread may read an earlier motion of other numbers
             recorder = Recorder(self.model, times, Record())
             self.prepared.loop.record(start, recorder)
-            self._advance(start, times, recorder)
+            end = self._advance(start, times, recorder)
             stats = replace(self.prepared.stats, steps=self.steps)  # without those of the search
-            return solution_of(recorder, stats, lambda: recorder.end)
+            return solution_of(recorder, stats, lambda: end)
 
     def depends_on_time(self, state: State, length: float) -> bool:
         """Whether loads, driven motions, parameters or natural strains change in a period."""

@@ -31,7 +31,7 @@ class Checkpoint(NamedTuple):
         """Take the steps again from here, with their `rows` in a C struct Tape."""
         ffi, steps, p = problem.ffi, self.steps, problem.c
         ffi.memmove(p, self.problem, len(self.problem))
-        problem.state.memory[:], problem.state.present = self.memory, None
+        problem.state.memory[:] = self.memory
         for array, values in zip(problem.work, self.work, strict=False):
             array[:] = values
         if (members := problem.model.points.members) is not None:

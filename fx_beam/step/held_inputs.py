@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, require, vector
+from fx_beam.errors import SceneError, StepError, require, vector
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import (
     InputSignal,
@@ -23,6 +23,11 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import Watch
 
 from .forcing import Forcing
+from .step_inputs import StepInputs, inputs_of, no_inputs
+from .tables import Problem
+
+# Steps whose functions of time are evaluated at once.
+_BLOCK = 64
 
 
 class HeldInputs:
@@ -101,6 +106,83 @@ class HeldInputs:
     def all(self) -> np.ndarray | None:
         """Values of all inputs in their order; None without any."""
         return np.concatenate(list(self.values.values())) if self.values else None
+
+
+class SingleInputs:
+    """Inputs of single steps, one after the other, in arrays that stay.
+
+    Functions of time are evaluated for some steps at once, and inputs of a motion for each one.
+    """
+
+    def __init__(self, problem: Problem, forcing: Forcing, dt: float):
+        self._problem, self._forcing = problem, forcing
+        model, p = forcing.model, problem.c
+        sub_steps = p.scheme.sub_steps
+        shapes = [(2, p.loads.count), (p.driven,), (len(model.points.followers), 2)]
+        shapes += [(2, len(model.forms.parameters)), (len(model.data.natural.starts) - 1,)]
+        arrays = [np.zeros((sub_steps, *shape)) for shape in shapes]
+        loads, driven, follower_force, parameters, natural = arrays
+        self._inputs = StepInputs(
+            loads, driven, follower_force, parameters, natural, parts=sub_steps
+        )
+        ends = np.cumsum(model.scheme.fractions)
+        ends[-1] = 1.0
+        starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level
+        level_and_end = np.column_stack([starts + level * (ends - starts), ends])
+        followers = [load.value for load in model.scene.loads if load.follower]
+        data, varying = model.data, enumerate(model.forms.parameters.functions)
+        views = [(signal, loads[:, :, columns], ends) for columns, signal in data.loads.functions]
+        views += [(signal, follower_force[:, i], ends) for i, signal in enumerate(followers)]
+        views += [(signal, driven[:, i], ends) for i, signal in enumerate(forcing.functions)]
+        views += [(signal, parameters[:, :, i], level_and_end) for i, signal in varying]
+        views += [(signal, natural[:, c.start], ends) for c, signal in data.natural.functions]
+        #: Inputs of a motion with their arrays, and the parts of the step that have passed there.
+        self._live = [(x, view, passed) for x, view, passed in views if isinstance(x, InputSignal)]
+        #: Whether other functions change in time.
+        self._varies = any(not (x.is_constant or isinstance(x, InputSignal)) for x, *_ in views)
+        if not self._varies:
+            self._fill(inputs_of(problem, forcing, 0.0, np.array([dt])), 0)
+
+    def begin(self, grid: Callable[..., Any]) -> None:
+        """Begin with step 1 of a grid, which has the ends of steps by their numbers."""
+        self._grid, self._number = grid, 0
+        # Inputs of some steps, and the number of the first one.
+        self._known = no_inputs(1), 0
+
+    def next(self, number: int) -> None:
+        """Have a step of the grid as the next one."""
+        self._number = number
+
+    def ahead(self, t: float, times: np.ndarray) -> StepInputs:
+        """Inputs of the next step, in arrays that the one after it overwrites, or of its parts."""
+        number = self._number
+        if len(times) > 1 or times[0] != self._grid(number) or t != self._grid(number - 1):
+            return inputs_of(self._problem, self._forcing, t, times)
+        if self._varies:
+            known, first = self._known
+            if (number - first) * known.parts >= len(known.driven):
+                ends = self._grid(number + np.arange(_BLOCK))
+                known, first = inputs_of(self._problem, self._forcing, t, ends), number
+                if known.error is not None and not isinstance(known.error, StepError):
+                    raise known.error
+                if not len(known.driven):
+                    return known
+                self._known = known, first
+            self._fill(known, number - first)
+        for signal, view, passed in self._live:
+            if signal.ramps:
+                view[...] = signal.start + (signal.end - signal.start) * passed
+            else:
+                view[...] = signal.end
+        return self._inputs
+
+    def _fill(self, inputs: StepInputs, step: int) -> None:
+        """Copy the inputs of the sub-steps of one step."""
+        sub_steps = slice(step * inputs.parts, (step + 1) * inputs.parts)
+        sources = inputs.arrays()
+        for name, target in self._inputs.arrays().items():
+            if sources[name].size:
+                target[...] = sources[name][sub_steps].reshape(target.shape)
 
 
 def _fits(value, width: int | None) -> bool:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import weakref
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,6 @@ from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 
 from .forcing import Forcing
-from .interrupts import NOTHING
 from .inverted_sections import count_inverted, least_energy
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, RecordsInC, Rows
@@ -54,8 +53,9 @@ class CompiledLoop:
         if self.problem.block is None:  # else it is new
             self.problem.bind()
         self.forcing, self.stats = forcing, stats
-        #: A block for what C does and what Python counts of it, which Ctrl-C does not divide.
-        self.whole: AbstractContextManager[None] = NOTHING
+        #: Inputs of steps from a time to other times [s] that are taken next.
+        self.inputs_ahead: Callable[[float, np.ndarray], StepInputs]
+        self.inputs_ahead = functools.partial(inputs_of, self.problem, forcing)
         self.problem.c.inverted.least_energy = least_energy(self.model)
         stats.solver = stats.solver or f"compiled, {self.problem.storage.factors}"
 
@@ -64,37 +64,31 @@ class CompiledLoop:
         """Why steps fail."""
         return StepFailures(self.model, self.problem.kind.newton, self.stats)
 
-    def take(
-        self, state: State, steps: Steps, recorder: Rows, completed: Callable[[int], int] = int
-    ) -> StepsResult:
-        """Take steps or parts of equal length, as long as they succeed and this length is right.
+    def take(self, steps: Steps, recorder: Rows) -> StepsResult:
+        """Take steps or parts of equal length from the state in C, as long as they succeed.
 
-        `completed` counts the parts that were taken, and gives the number of whole steps.
+        Where their length is controlled, as long as it is right.
         """
-        p, ends, inputs = self.problem.c, steps.ends, steps.inputs
-        number = inputs.steps
-        with self.whole:
-            self.state.load(state)
-            record = self.records.next(recorder, len(ends), steps.first, steps.parts, steps.done)
-            tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
-            if tape is not None:
-                count = self._run_taped(tape, steps, state.t, record)
-            else:
-                c_inputs, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
-                count = self._steps(number, state.t, steps.dt, c_inputs, record, limits)
-            recorder.rows, recorder.starts.count = record.rows, record.starts
-            self.count()
-            if count:
-                state = self.state.present = self.state.read(float(ends[count - 1]))
-                self.stats.steps += completed(count)
-                recorder.end = state
-        C, failure, last_ratio, ratio = self.problem.library, p.run.failure, None, None
+        p, C, ends, inputs = self.problem.c, self.problem.library, steps.ends, steps.inputs
+        number, t = inputs.steps, p.state.t
+        record = self.records.next(recorder, len(ends), steps.first, steps.parts, steps.done)
+        tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
+        if tape is not None:
+            count = self._run_taped(tape, steps, t, record)
+        else:
+            c_inputs, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
+            count = self._steps(number, t, steps.dt, c_inputs, record, limits)
+        recorder.rows, recorder.starts.count = record.rows, record.starts
+        if count:
+            p.state.t = float(ends[count - 1])  # without the rounding of sums
+        self.count()
+        failure, last_ratio, ratio = p.run.failure, None, None
         switched = steps.watch and failure == C.SWITCHED
         self.stats.unconverged += failure == C.NO_CONVERGENCE
         if steps.control is not None and failure in (C.OK, C.TOO_INACCURATE):
             last_ratio, ratio = (known if known >= 0 else None for known in p.control.ratios)
         return StepsResult(
-            *(state, count, last_ratio if count > 1 else None, ratio),
+            *(count, last_ratio if count > 1 else None, ratio),
             failed=failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
             switched=switched,
             switches=self.problem.sides[1].copy() if steps.watch and (count or switched) else None,
@@ -110,22 +104,17 @@ class CompiledLoop:
         problem, none = self.problem, self.problem.ffi.NULL
         problem.library.fx_run(problem.c, 0, state.t, 0.0, none, none, record)
         recorder.rows, recorder.starts.count = record.rows, record.starts
-        self.state.present = state
 
     def _steps(
         self, number: int, t: float, dt: float, c_inputs: Any, record: Any, limits: Any = None
     ) -> int:
         """Number of steps that C takes from t [s]."""
-        limits, self.state.present = limits or self.problem.ffi.NULL, None
-        count = self.problem.library.fx_run(self.problem.c, number, t, dt, c_inputs, limits, record)
-        self.check()
-        return count
-
-    def check(self) -> None:
-        """Raise the error of a function that C calls in the last step."""
+        problem, limits = self.problem, limits or self.problem.ffi.NULL
+        count = problem.library.fx_run(problem.c, number, t, dt, c_inputs, limits, record)
         error, self._error = self._error, None
         if error is not None:
-            raise error
+            raise error  # of a function that C calls in the last step
+        return count
 
     def interval(self, dt: float) -> Interval:
         """Interval of the sub-step of this length [s] that C takes."""
@@ -168,18 +157,17 @@ class CompiledLoop:
                 break
         return total
 
-    def failure(self, state: State, t1: float) -> StepFailed:
-        """Why a step to t1 [s] fails, without a prediction."""
-        inputs = self.inputs_ahead(state.t, np.array([t1]))
+    def failure(self, start: State, t1: float) -> StepFailed:
+        """Why a step from the state in C to t1 [s] fails, without a prediction."""
+        inputs = self.inputs_ahead(start.t, np.array([t1]))
         if inputs.error is not None:
             raise inputs.error
         with self.state.unchanged():
             self.state.past = None
-            self.state.load(state)
             record = self.records.next(NullRecorder(), 1)
             c_inputs = inputs.in_c(self.problem.ffi)
-            if not self._steps(1, state.t, t1 - state.t, c_inputs, record):
-                return self.failures.in_c(self.problem, state)
+            if not self._steps(1, start.t, t1 - start.t, c_inputs, record):
+                return self.failures.in_c(self.problem, start)
         return StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
 
     def count(self) -> None:
@@ -201,10 +189,6 @@ class CompiledLoop:
             stats.rounding += counts.left / min(max(counts.moved, _SLIGHT), 1.0)
             if not stats.rounding_in:
                 stats.rounding_in = self.model.mesh.place_of(counts.left_at // 3, self.model.scene)
-
-    def inputs_ahead(self, t: float, times: np.ndarray) -> StepInputs:
-        """Inputs of steps from t to `times` [s] that are taken next."""
-        return inputs_of(self.problem, self.forcing, t, times)
 
 
 class Steps(NamedTuple):
@@ -235,8 +219,7 @@ class Steps(NamedTuple):
 class StepsResult(NamedTuple):
     """Outcome of steps of equal length."""
 
-    #: State at the end of the steps that succeeded, and their number.
-    state: State
+    #: Number of the steps that succeeded.
     taken: int
     #: Ratios of error and limit in the last step but one and in the last one, if they are known.
     last_ratio: float | None = None

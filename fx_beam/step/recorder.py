@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, check_fields, flag, real_array, require, whole
+from fx_beam.errors import SceneError, any_of, check_fields, flag, real_array, require, whole
 from fx_beam.results.state import ROWS, State
 
 from .model import Model, once, widths_of
 
 if TYPE_CHECKING:
+    from .stepper import Mark
     from .tables import Problem
     from .tape import Tape
 
@@ -198,8 +199,8 @@ class Recorder:
         self.grid = StepGrid(record.every)
         #: How often the arrays were replaced.
         self.plans = 0
-        #: The last state, and full turns (size,) that are missing in it [rad].
-        self.present: tuple[State, Any]
+        #: The end of the last steps of a run.
+        self.end: Mark
         #: The first state.
         self.first: State
         self.starts = SubStepStarts(_starts(model, record.motion, record.rates))
@@ -225,15 +226,6 @@ class Recorder:
         self.late_accelerations: Callable[[], np.ndarray] | None = None
         #: Full turns (size,) [rad] that are missing in the rows from a number on.
         self.turns: dict[int, np.ndarray] = {}
-
-    @property
-    def end(self) -> State:
-        """The last state, which a single assignment makes the end of steps."""
-        return self.present[0]
-
-    @end.setter
-    def end(self, state: State) -> None:
-        self.present = state, self.present[1]
 
     @property
     def t(self) -> np.ndarray:
@@ -267,11 +259,9 @@ class Recorder:
         self.rows = rows
         self.starts.count = self.starts.before_row(rows)
 
-    def settle_at_end(self) -> int:
-        """Have the rows up to the last state, wherever an exception came; number of its steps."""
-        self.truncate(int(np.searchsorted(self.t, self.end.t, side="right")))
-        times = self.grid.times[: self.grid.planned]
-        return int(np.searchsorted(times, self.end.t, side="right")) - 1
+    def steps_to(self, t: float) -> int:
+        """Number of steps that end up to a time [s]."""
+        return int(np.searchsorted(self.grid.times[: self.grid.planned], t, side="right")) - 1
 
     def forget(self) -> None:
         """Have the last two rows only, on which the next ones depend."""
@@ -284,12 +274,14 @@ class Recorder:
         grid.steps = np.roll(grid.steps, -gone)
         rest = {"arrays": arrays, "grid": grid, "turns": turns}
         rest |= {"rows": self.rows - gone, "starts": starts, "late_accelerations": late}
+        rest["end"] = self.end._replace(rows=self.end.rows - gone)
         # At once, as an interrupt may come before or after it.
         vars(self).update(rest, plans=self.plans + 1, gone=self.gone + gone)
 
     def miss(self, turns: np.ndarray) -> None:
         """Note that full turns (size,) [rad] are missing in the rows from here on."""
-        self.turns[self.rows] = turns.copy()
+        if self.turns or any_of(turns):
+            self.turns[self.rows] = turns
 
     def stores_starts(self, parts: int) -> bool:
         """Whether starts of a step in parts are stored: the last one is not the previous row."""
@@ -297,8 +289,7 @@ class Recorder:
         return parted or parts > 1 or self.grid.every > 1
 
     def begin(self, state: State) -> None:
-        """Have a last state, which is also the first one if there is no row yet."""
-        self.present = state, 0.0
+        """Have a state of the next row, which is the first one if there is no row yet."""
         if not self.rows:
             self.first = state
 

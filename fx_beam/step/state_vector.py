@@ -61,8 +61,6 @@ class StateVector:
             [*names_at_start, *FORCES],
         )
         state_arrays = {name: arrays[name] for name in sizes}
-        #: The state that is in the memory; None where steps, or others, have changed it since.
-        self.present: State | None = None
         #: Members of the structs in C.
         self.members: dict[str, dict[str, object]] = {
             "state": {"memory": self.memory, "size": len(self.memory), **state_arrays},
@@ -74,7 +72,7 @@ class StateVector:
         self, model: Model, c: Any, ffi: Any, memory: np.ndarray
     ) -> dict[str, np.ndarray]:
         """Have the state in a piece of memory; its arrays by name, as vectors."""
-        self._model, self._c, self.memory, self.present = model, c, memory, None
+        self._model, self._c, self.memory = model, c, memory
         arrays = {name: memory[place] for name, place in self.places.items()}
         #: Arrays of the state, and positions (driven,) of driven motions.
         self.arrays = {name: arrays[name].reshape(shape) for name, shape in self.shapes.items()}
@@ -98,14 +96,11 @@ class StateVector:
 
     def clear(self) -> None:
         """Forget the last run."""
-        self.memory[:], self.present = 0.0, None
+        self.memory[:] = 0.0
         self._ages[0][:] = self._ages[1][:] = 1.0
 
     def load(self, state: State) -> None:
-        """Write a state into the memory, if it is not there."""
-        is_there, self.present = state is self.present, None
-        if is_there:
-            return
+        """Write a state into the memory."""
         p, values = self._c, vars(state)
         arrays = [
             zeros if (array := values[name]) is None else array
@@ -121,14 +116,23 @@ class StateVector:
         for name in NUMBERS:
             setattr(p.state, name, values[name])
 
-    def read(self, t: float) -> State:
-        """A copy of the state, at the time t [s]."""
+    @property
+    def t(self) -> float:
+        """Time [s], in statics also of the load factor."""
+        return self._c.state.t
+
+    @t.setter
+    def t(self, t: float) -> None:
+        self._c.state.t = t
+
+    def read(self) -> State:
+        """A copy of the state, without its past."""
         numbers = self._c.state
         names = self._readable[(numbers.steps_done > 0) * (1 + bool(numbers.forces_found))]
         values: dict[str, object] = {name: self.arrays[name].copy() for name in names}
         for name in NUMBERS:
             values[name] = getattr(numbers, name)
-        values["t"], values["motors"] = t, self._driven[len(self._model.prescribed) :].copy()
+        values["motors"] = self._driven[len(self._model.prescribed) :].copy()
         return _NOTHING.changed(**values)
 
     @property
@@ -183,4 +187,3 @@ class StateVector:
     def restore(self, copy: StateCopy) -> None:
         """Have all again as it was copied."""
         self.memory[: len(copy[0])], self._numbers[:] = copy
-        self.present = None
