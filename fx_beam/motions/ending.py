@@ -10,8 +10,7 @@ import numpy as np
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.scene.outputs import is_section_force
-from fx_beam.step.recorder import NullRecorder, Recorder, Rows
-from fx_beam.step.stepper import Mark
+from fx_beam.step.recorder import Mark, NullRecorder, Recorder, Rows
 
 from .measurement import Instant, fitted_value, readings
 from .prepared import Prepared

@@ -25,8 +25,7 @@ from fx_beam.step.held_inputs import HeldInputs, SingleInputs
 from fx_beam.step.interrupts import Method, ctrl_c_waits, one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
-from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
-from fx_beam.step.stepper import Mark
+from fx_beam.step.recorder import Mark, NullRecorder, Record, Recorder, Rows
 
 from .evaluation import solution_of
 from .measurement import Instant, fitted_state, fitted_value, readings
@@ -185,7 +184,7 @@ class OpenMotion:
         self._settled = False
         self.held.set(checked)
         self.held.begin(mark.t, t1)
-        self._inputs.next(number)
+        self._inputs.next(number, mark.t, t1)
         self._stepper.advance(np.array([t1]), number, recorder)
         self.held.arrive()
         mark, end = recorder.end, None

@@ -136,6 +136,8 @@ class SingleInputs:
         views += [(signal, driven[:, i], ends) for i, signal in enumerate(forcing.functions)]
         views += [(signal, parameters[:, :, i], level_and_end) for i, signal in varying]
         views += [(signal, natural[:, c.start], ends) for c, signal in data.natural.functions]
+        #: Number, start and end [s] of the next step.
+        self._next = 0, math.nan, math.nan
         #: Inputs of a motion with their arrays, and the parts of the step that have passed there.
         self._live = [(x, view, passed) for x, view, passed in views if isinstance(x, InputSignal)]
         #: Whether other functions change in time.
@@ -145,18 +147,18 @@ class SingleInputs:
 
     def begin(self, grid: Callable[..., Any]) -> None:
         """Begin with step 1 of a grid, which has the ends of steps by their numbers."""
-        self._grid, self._number = grid, 0
+        self._grid = grid
         # Inputs of some steps, and the number of the first one.
         self._known = no_inputs(1), 0
 
-    def next(self, number: int) -> None:
-        """Have a step of the grid as the next one."""
-        self._number = number
+    def next(self, number: int, t0: float, t1: float) -> None:
+        """Have a step of the grid from t0 to t1 [s] as the next one."""
+        self._next = number, t0, t1
 
     def ahead(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of the next step, in arrays that the one after it overwrites, or of its parts."""
-        number = self._number
-        if len(times) > 1 or times[0] != self._grid(number) or t != self._grid(number - 1):
+        number, t0, t1 = self._next
+        if t != t0 or times[0] != t1:
             return inputs_of(self._problem, self._forcing, t, times)
         if self._varies:
             known, first = self._known

@@ -8,7 +8,7 @@ import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from fx_beam.results.state import ROWS, State
 from .model import Model, once, widths_of
 
 if TYPE_CHECKING:
-    from .stepper import Mark
+    from .state_vector import StateCopy
     from .tables import Problem
     from .tape import Tape
 
@@ -136,6 +136,13 @@ class StepGrid:
         #: Number of steps, and the start, that have a plan.
         self.planned = 0
 
+    @classmethod
+    def without_rows(cls) -> StepGrid:
+        """A grid of any number of steps, none of which has a row."""
+        grid = cls(np.iinfo(np.int32).max)
+        grid.planned = grid.every
+        return grid
+
     def plan(self, first: int, ends: np.ndarray, last: bool, rows: int) -> int:
         """Plan steps as `Recorder.plan` behind some rows; number of rows that they add."""
         stop = first + len(ends)
@@ -168,12 +175,24 @@ class SubStepStarts:
             self.arrays[name] = grown(array, room, self.count)
 
 
+class Mark(NamedTuple):
+    """The end of a step, to which a run can return: copies, which no further step changes."""
+
+    #: Time [s], the state in C, and the control of halving.
+    t: float
+    state: StateCopy
+    halving: dict[str, Any]
+    #: Number of rows, and full turns (size,) that are missing in the state [rad].
+    rows: int
+    turns: np.ndarray
+
+
 class NullRecorder:
     """In place of a `Recorder`, for trial steps."""
 
     #: The tape of a trial step, if it has one.
     tape: Tape | None = None
-    grid = StepGrid(np.iinfo(np.int32).max)
+    grid = StepGrid.without_rows()
     rows = plans = 0
     end: Any = None
     #: No arrays.

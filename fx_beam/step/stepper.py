@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from fx_beam.results.state import State
 
 from .full_turns import TurnCounter
 from .loop import CompiledLoop, Steps, StepsResult
-from .recorder import NullRecorder, Recorder, Rows
-from .state_vector import StateCopy
+from .recorder import Mark, NullRecorder, Recorder, Rows
 from .substeps import Halving
 
 if TYPE_CHECKING:
@@ -26,18 +25,6 @@ if TYPE_CHECKING:
 
 # Difference of the lengths of equal steps, relative to them, besides the rounding of times.
 _SAME = 1e-12
-
-
-class Mark(NamedTuple):
-    """The end of a step, to which a run can return: copies, which no further step changes."""
-
-    #: Time [s], the state in C, and the control of halving.
-    t: float
-    state: StateCopy
-    halving: dict[str, Any]
-    #: Number of rows, and full turns (size,) that are missing in the state [rad].
-    rows: int
-    turns: np.ndarray
 
 
 class Trial(NamedTuple):
