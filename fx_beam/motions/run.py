@@ -142,7 +142,10 @@ class Run:
     def take_steps(self, finish: Callable[[], _T]) -> _T:
         """Take all steps; gives what `finish` does. Exceptions have the solution so far."""
         with self.prepared.model.lock:
-            return self._take_steps(finish)
+            try:
+                return self._take_steps(finish)
+            finally:
+                del self.recorder.end  # memory that solutions would hold
 
     def _take_steps(self, finish: Callable[[], _T]) -> _T:
         prepared, recorder, control = self.prepared, self.recorder, self._control

@@ -18,8 +18,7 @@ class Checkpoint(NamedTuple):
 
     first: int
     steps: TakenSteps
-    #: Time at their start [s], the struct Problem, and the memory of the state and its past.
-    t: float
+    #: The struct Problem, and the memory of the state and its past.
     problem: bytes
     memory: np.ndarray
     #: Work space and factors of earlier steps, if these are used.
@@ -45,7 +44,8 @@ class Checkpoint(NamedTuple):
             steps.part,
         )
         record.tape, rows.increments = rows, address_of(ffi, self.increments)
-        problem.library.fx_repeat(p, steps.number, self.t, steps.dt, steps.inputs, record)
+        inputs = steps.inputs.in_c(ffi)
+        problem.library.fx_repeat(p, steps.number, p.state.t, steps.dt, inputs, record)
 
 
 def address_of(ffi: Any, increments: np.ndarray | None) -> Any:
@@ -76,7 +76,7 @@ class Checkpoints:
         """
         problem, p = self._problem, self._problem.c
         work = [array.copy() for array in problem.work] if p.system.reused.worth else []
-        snapshot = p.state.t, bytes(problem.ffi.buffer(p)), problem.state.memory.copy()
+        snapshot = bytes(problem.ffi.buffer(p)), problem.state.memory.copy()
         increments = self._increments(steps.number * self.parts) if keeps_increments else None
         self._every.append(Checkpoint(first, steps, *snapshot, work, increments))
         return increments

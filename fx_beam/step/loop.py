@@ -16,7 +16,7 @@ from fx_beam.results.state import State
 from .forcing import Forcing
 from .inverted_sections import count_inverted, least_energy
 from .newton import NewtonOptions
-from .recorder import NullRecorder, Recorder, RecordsInC, Rows
+from .recorder import NullRecorder, Recorder, RecordInC, Rows
 from .step_failures import StepFailed, StepFailures
 from .step_inputs import StepInputs, TakenSteps, inputs_of
 from .tables import Problem
@@ -42,8 +42,8 @@ class CompiledLoop:
         kind = ProblemKind(options, forcing.turning is not None)
         self.problem = problem = Problem.of(self.model, kind)
         self.state = problem.state
-        #: Records of C.
-        self.records = RecordsInC(problem)
+        #: The record of C.
+        self._record = RecordInC(problem)
         #: Where sub-steps are taped, but for those of trials; None for nowhere.
         self.tape: Tape | None = None
         self.bind(forcing, stats)
@@ -64,27 +64,33 @@ class CompiledLoop:
         """Why steps fail."""
         return StepFailures(self.model, self.problem.kind.newton, self.stats)
 
-    def take(self, steps: Steps, recorder: Rows) -> StepsResult:
-        """Take steps or parts of equal length from the state in C, as long as they succeed.
+    def take(self, steps: Steps, recorder: Rows) -> int:
+        """Take steps or parts of equal length from the state in C; number of those that succeed.
 
         Where their length is controlled, as long as it is right.
         """
-        p, C, ends, inputs = self.problem.c, self.problem.library, steps.ends, steps.inputs
+        p, inputs, problem = self.problem.c, steps.inputs, self.problem
         number, t = inputs.steps, p.state.t
-        record = self.records.next(recorder, len(ends), steps.first, steps.parts, steps.done)
+        record = self._record.next(recorder, number, steps.first, steps.parts, steps.done)
         tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
-        if tape is not None:
-            count = self._run_taped(tape, steps, t, record)
+        if tape is None:
+            limits = steps.limits(problem)
+            count = self._steps(number, t, steps.dt, inputs.in_c(problem.ffi), record, limits)
         else:
-            c_inputs, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
-            count = self._steps(number, t, steps.dt, c_inputs, record, limits)
+            count = self._run_taped(tape, steps, t, record)
         recorder.rows, recorder.starts.count = record.rows, record.starts
         if count:
-            p.state.t = float(ends[count - 1])  # without the rounding of sums
+            p.state.t = float(steps.ends[count - 1])  # without the rounding of sums
+        if count < number:
+            self.stats.unconverged += p.run.failure == problem.library.NO_CONVERGENCE
         self.count()
-        failure, last_ratio, ratio = p.run.failure, None, None
+        return count
+
+    def result(self, steps: Steps, count: int) -> StepsResult:
+        """Outcome of steps that were taken last, of which so many succeeded."""
+        p, C, last_ratio, ratio = self.problem.c, self.problem.library, None, None
+        failure = p.run.failure
         switched = steps.watch and failure == C.SWITCHED
-        self.stats.unconverged += failure == C.NO_CONVERGENCE
         if steps.control is not None and failure in (C.OK, C.TOO_INACCURATE):
             last_ratio, ratio = (known if known >= 0 else None for known in p.control.ratios)
         return StepsResult(
@@ -92,7 +98,6 @@ class CompiledLoop:
             failed=failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
             switched=switched,
             switches=self.problem.sides[1].copy() if steps.watch and (count or switched) else None,
-            error=inputs.error if count == number else None,
         )
 
     def record(self, state: State, recorder: Recorder) -> None:
@@ -100,7 +105,7 @@ class CompiledLoop:
         self.model.forms.parameters.use(state.parameters)
         self.state.load(state)
         recorder.begin(state)
-        record = self.records.next(recorder, 0, first=0)
+        record = self._record.next(recorder, 0, first=0)
         problem, none = self.problem, self.problem.ffi.NULL
         problem.library.fx_run(problem.c, 0, state.t, 0.0, none, none, record)
         recorder.rows, recorder.starts.count = record.rows, record.starts
@@ -144,12 +149,10 @@ class CompiledLoop:
             count -= (
                 (record.part + count) % record.parts if count > record.parts else 0
             )  # whole steps
-            c_inputs = rest.in_c(self.problem.ffi)
-            taken = TakenSteps(
-                count, steps.dt, record.parts, record.part, c_inputs, rest, times[total:]
-            )
+            taken = TakenSteps(count, steps.dt, record.parts, record.part, rest, times[total:])
             record.tape = tape.begin(taken)
             now, limits = self.problem.c.state.t, steps.limits(self.problem)
+            c_inputs = rest.in_c(self.problem.ffi)
             done = self._steps(count, now, steps.dt, c_inputs, record, limits)
             tape.end(done)
             total, record.part = total + done, record.part + done
@@ -164,7 +167,7 @@ class CompiledLoop:
             raise inputs.error
         with self.state.unchanged():
             self.state.past = None
-            record = self.records.next(NullRecorder(), 1)
+            record = self._record.next(NullRecorder(), 1)
             c_inputs = inputs.in_c(self.problem.ffi)
             if not self._steps(1, start.t, t1 - start.t, c_inputs, record):
                 return self.failures.in_c(self.problem, start)
@@ -230,5 +233,3 @@ class StepsResult(NamedTuple):
     #: are watched.
     switched: bool = False
     switches: np.ndarray | None = None
-    #: Error of a function of time in the step after them.
-    error: BaseException | None = None

@@ -317,14 +317,14 @@ class Recorder:
 Rows = Recorder | NullRecorder
 
 
-class RecordsInC:
-    """The structs ``Record`` of recorders, to which C writes rows of its state."""
+class RecordInC:
+    """The struct ``Record`` of the last recorder, to which C writes rows of its state."""
 
     def __init__(self, problem: Problem):
         self._ffi, self._state = problem.ffi, problem.c.state
         self._sub_steps = problem.c.scheme.sub_steps
-        #: By recorders, each with the recorder's plan and its arrays of rows.
-        self._records: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
+        #: The recorder, its plan, the record, and what this points to.
+        self._last: tuple[Callable[[], Rows | None], int, Any, Any] = lambda: None, -1, None, None
 
     def next(self, recorder: Rows, number: int, first: int = 1, parts: int = 1, done: int = 0):
         """Rows of a recorder, from its next one on, for a number of steps or parts.
@@ -334,8 +334,8 @@ class RecordsInC:
         stores = recorder.stores_starts(parts)
         if stores:
             recorder.make_room(number * self._sub_steps)
-        plan, record, _ = self._records.get(recorder, (-1, None, None))
-        if plan != recorder.plans:
+        last, plan, record, _ = self._last
+        if last() is not recorder or plan != recorder.plans:
             record = self._made(recorder)
         record.first, record.last, record.parts, record.part = (
             first,
@@ -352,7 +352,7 @@ class RecordsInC:
         return record
 
     def _made(self, recorder: Rows):
-        """Rows of a recorder with its present arrays."""
+        """The record of a recorder with its present arrays."""
         record = self._ffi.new("Record *")
         rows, starts = recorder.arrays, dict(recorder.starts.arrays)
         record.every, record.forces = recorder.grid.every, "constraint_forces" in rows
@@ -363,7 +363,7 @@ class RecordsInC:
         histories, stored = self._rows(rows), self._rows(starts)
         record.histories, record.history = len(histories), histories
         record.stored, record.start = len(stored), stored
-        self._records[recorder] = recorder.plans, record, (histories, stored)
+        self._last = weakref.ref(recorder), recorder.plans, record, (histories, stored)
         return record
 
     def _rows(self, arrays: dict[str, np.ndarray]):

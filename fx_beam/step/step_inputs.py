@@ -74,9 +74,7 @@ class TakenSteps(NamedTuple):
     #: Parts of a halved step, and those of the first step that were taken before.
     parts: int
     part: int
-    #: The C struct Inputs, and what it points to.
-    inputs: Any
-    arrays: Any
+    inputs: StepInputs
     #: Starts of the steps or parts, and the end of the last [s], as in their inputs.
     times: np.ndarray
 

@@ -118,16 +118,16 @@ class Stepper:
                 ends = halving.ends(np.append(t0, times)[done:])
                 part_inputs = loop.inputs_ahead(loop.state.t, ends)
             steps = Steps(ends, dt / parts, part_inputs, first + done, halving.done, parts)
-            result = loop.take(steps, recorder)
-            steps_done = self._completed(result.taken, recorder) if result.taken else 0
+            count = loop.take(steps, recorder)
+            steps_done = self._completed(count, recorder) if count else 0
             done += steps_done
-            if result.failed:
+            if count < part_inputs.steps:
                 loop.state.past = None
                 if not halving.fail():
                     raise self.error(halving.ends(np.append(t0, times)[done:])[0])
                 self.stats.halvings += 1
-            if result.error is not None:
-                raise result.error
+            elif part_inputs.error is not None:
+                raise part_inputs.error
             if done < len(times):
                 inputs = inputs.after(steps_done)
 
@@ -159,8 +159,10 @@ class Stepper:
         with self.unchanged():
             loop.state.load(state)
             inputs = loop.inputs_ahead(state.t, ends)
-            result = loop.take(Steps(ends, t1 - state.t, inputs, 1, watch=watch), recorder)
-            return Trial(loop.state.read() if result.taken else None, result.switches)
+            steps = Steps(ends, t1 - state.t, inputs, 1, watch=watch)
+            count = loop.take(steps, recorder)
+            switches = loop.result(steps, count).switches
+            return Trial(loop.state.read() if count else None, switches)
 
     def try_steps(
         self,
@@ -177,13 +179,13 @@ class Stepper:
         """
         inputs = self.loop.inputs_ahead(self.loop.state.t, ends)
         steps = Steps(ends, dt, inputs, first, control=control, watch=watch)
-        result = self.loop.take(steps, recorder)
-        if result.taken:
-            self.stats.steps += result.taken
+        count = self.loop.take(steps, recorder)
+        if count:
+            self.stats.steps += count
             self.mark(recorder)
-        if result.error is not None:
-            raise result.error
-        return result
+        if inputs.error is not None and count == inputs.steps:
+            raise inputs.error
+        return self.loop.result(steps, count)
 
     # -- Errors -----------------------------------------------------------------------------------
 
