@@ -167,8 +167,10 @@ class StateVector:
 
     def copy(self) -> StateCopy:
         """A copy of all, for `restore`."""
-        # Local errors, behind all else, are not known where steps are not controlled.
-        stop = None if self._c.control.known else self.places["error_ages"].start
+        # Behind all else there are the past and local errors, as far as these are known.
+        stop = None
+        if not self._c.control.known:
+            stop = self.places["error_ages" if self._c.predictor.known else "ages"].start
         return self.memory[:stop].copy(), bytes(self._numbers)
 
     @contextmanager
