@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 # What may be recorded.
 _KINDS = "motion", "rates", "forces"
+# More steps than a motion has.
+_MANY = np.iinfo(np.int32).max
 
 
 def grown(array: np.ndarray, rows: int, used: int) -> np.ndarray:
@@ -129,19 +131,12 @@ class Record:
 class StepGrid:
     """Times at the ends of steps, and which of them have a row: every so many, and the last one."""
 
-    def __init__(self, every: int):
+    def __init__(self, every: int, planned: int = 0):
         self.every, self.last = every, -1
         #: Times at the ends of all steps, and numbers of the steps that have a row.
         self.times, self.steps = np.empty(0), np.empty(0, dtype=int)
         #: Number of steps, and the start, that have a plan.
-        self.planned = 0
-
-    @classmethod
-    def without_rows(cls) -> StepGrid:
-        """A grid of any number of steps, none of which has a row."""
-        grid = cls(np.iinfo(np.int32).max)
-        grid.planned = grid.every
-        return grid
+        self.planned = planned
 
     def plan(self, first: int, ends: np.ndarray, last: bool, rows: int) -> int:
         """Plan steps as `Recorder.plan` behind some rows; number of rows that they add."""
@@ -192,7 +187,7 @@ class NullRecorder:
 
     #: The tape of a trial step, if it has one.
     tape: Tape | None = None
-    grid = StepGrid.without_rows()
+    grid = StepGrid(every=_MANY, planned=_MANY)
     rows = plans = 0
     end: Any = None
     #: No arrays.

@@ -118,12 +118,8 @@ class StateVector:
 
     @property
     def t(self) -> float:
-        """Time [s], in statics also of the load factor."""
+        """Time [s]."""
         return self._c.state.t
-
-    @t.setter
-    def t(self, t: float) -> None:
-        self._c.state.t = t
 
     def read(self) -> State:
         """A copy of the state, without its past."""
