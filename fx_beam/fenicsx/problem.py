@@ -214,7 +214,7 @@ class Problem(Steps):
         rows = ReplacedRows(self._equations.assembly, recorder)
         if self._starts and self._form.has_further:
             self._accelerate()
-        prepared.stepper.record(self._state, recorder)
+        prepared.stepper.begin(self._state, recorder)
         self._hold_in_an_instant()
         rows.follow()
 

@@ -122,7 +122,7 @@ class OpenMotion:
         self._prepared, self._dt, self._record = prepared, dt, record
         self.held = inputs
         self._loop, self._stepper = prepared.loop, prepared.stepper
-        self._inputs = SingleInputs(self._loop.problem, prepared.forcing, dt)
+        self._inputs = SingleInputs(self._loop.problem, prepared.forcing)
         #: Whether state, inputs and record are those of the present step.
         self._settled = False
         #: Arrays of the state in C by name.
@@ -130,7 +130,7 @@ class OpenMotion:
 
     def begin(self, state: State, removed: np.ndarray, grid: Grid) -> None:
         """Begin to step and to record from a state, in which full turns are missing."""
-        prepared, stepper = self._prepared, self._stepper
+        prepared = self._prepared
         recorder: Rows = NullRecorder()
         if self._record is not None:
             recorder = Recorder(prepared.model, np.array([state.t]), self._record)
@@ -139,12 +139,9 @@ class OpenMotion:
         counter.removed = removed + turns
         recorder.miss(counter.removed)
         state = counter.without(turns, state)
-        stepper.load(state)
-        if isinstance(recorder, Recorder):
-            stepper.record(state, recorder)
-            recorder.plan(1, grid(np.arange(1, 1 + _ROWS)), last=False)
-        else:
-            stepper.mark(recorder)
+        self._stepper.load(state)
+        self._stepper.begin(state, recorder)
+        recorder.plan(1, grid(np.arange(1, 1 + _ROWS)), last=False)
         self._inputs.begin(grid)
         self._loop.inputs_ahead = self._inputs.ahead
         mark, end = recorder.end, None
@@ -152,11 +149,7 @@ class OpenMotion:
             arrays = self._loop.state.arrays_of(mark.state)
             end = Instant(prepared.forcing, mark.t, -self._dt, arrays, state.driven_rates)
         before, inputs = prepared.stats.steps, self.held.values
-        self._be(_Present(grid, recorder, before, 0, mark, inputs, end=end))
-
-    def _be(self, present: _Present) -> None:
-        """Have a present state, which is that in C."""
-        self.now = present
+        self.now = _Present(grid, recorder, before, 0, mark, inputs, end=end)
         self._settled = True
 
     def settle(self) -> None:
@@ -191,11 +184,12 @@ class OpenMotion:
         if start is not None:
             arrays = self._loop.state.arrays_of(mark.state)
             end = Instant(self._prepared.forcing, t1, self._dt, arrays, start=start)
-        self._be(_Present(grid, recorder, before, number, mark, self.held.values, start, end))
+        inputs = self.held.values
+        self.now = _Present(grid, recorder, before, number, mark, inputs, start, end)
         if number % full_turns.STEPS == 0:
-            self._settled = False
             self._stepper.count_turns(recorder)
-            self._be(self.now._replace(mark=recorder.end))
+            self.now = self.now._replace(mark=recorder.end)
+        self._settled = True
 
     def count(self) -> None:
         """Add what was counted to the statistics."""

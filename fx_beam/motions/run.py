@@ -137,7 +137,7 @@ class Run:
         self._next_count = 0
         self._first = float(self.times[1] - self.times[0]) if control is None else control.first
         state = prepared.recorded_state(recorder, self._first, start, control is not None)
-        prepared.stepper.record(state, recorder)
+        prepared.stepper.begin(state, recorder)
 
     def take_steps(self, finish: Callable[[], _T]) -> _T:
         """Take all steps; gives what `finish` does. Exceptions have the solution so far."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError, StepError, require, vector
 from fx_beam.results.state import State
+from fx_beam.scene.functions import Signal
 from fx_beam.scene.inputs import (
     InputSignal,
     check_names,
@@ -109,41 +110,33 @@ class HeldInputs:
 
 
 class SingleInputs:
-    """Inputs of single steps, one after the other, in arrays that stay.
+    """Inputs of single steps, one after the other.
 
     Functions of time are evaluated for some steps at once, and inputs of a motion for each one.
     """
 
-    def __init__(self, problem: Problem, forcing: Forcing, dt: float):
+    def __init__(self, problem: Problem, forcing: Forcing):
         self._problem, self._forcing = problem, forcing
-        model, p = forcing.model, problem.c
-        sub_steps = p.scheme.sub_steps
-        shapes = [(2, p.loads.count), (p.driven,), (len(model.points.followers), 2)]
-        shapes += [(2, len(model.forms.parameters)), (len(model.data.natural.starts) - 1,)]
-        arrays = [np.zeros((sub_steps, *shape)) for shape in shapes]
-        loads, driven, follower_force, parameters, natural = arrays
-        self._inputs = StepInputs(
-            loads, driven, follower_force, parameters, natural, parts=sub_steps
-        )
+        model, data, none = forcing.model, forcing.model.data, slice(None)
         ends = np.cumsum(model.scheme.fractions)
         ends[-1] = 1.0
         starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level
         level_and_end = np.column_stack([starts + level * (ends - starts), ends])
         followers = [load.value for load in model.scene.loads if load.follower]
-        data, varying = model.data, enumerate(model.forms.parameters.functions)
-        views = [(signal, loads[:, :, columns], ends) for columns, signal in data.loads.functions]
-        views += [(signal, follower_force[:, i], ends) for i, signal in enumerate(followers)]
-        views += [(signal, driven[:, i], ends) for i, signal in enumerate(forcing.functions)]
-        views += [(signal, parameters[:, :, i], level_and_end) for i, signal in varying]
-        views += [(signal, natural[:, c.start], ends) for c, signal in data.natural.functions]
+        places: list[tuple[Signal, str, Any, np.ndarray]] = []
+        places += [(x, "loads", (none, none, at), ends) for at, x in data.loads.functions]
+        places += [(x, "follower_force", (none, i), ends) for i, x in enumerate(followers)]
+        places += [(x, "driven", (none, i), ends) for i, x in enumerate(forcing.functions)]
+        for i, x in enumerate(model.forms.parameters.functions):
+            places.append((x, "parameters", (none, none, i), level_and_end))
+        places += [(x, "natural", (none, at.start), ends) for at, x in data.natural.functions]
+        #: Inputs of a motion, their arrays and places in these, and the parts of the step that have
+        #: passed there.
+        self._live = [(x, *others) for x, *others in places if isinstance(x, InputSignal)]
+        #: Whether other functions change in time.
+        self._varies = any(not (x.is_constant or isinstance(x, InputSignal)) for x, *_ in places)
         #: Number, start and end [s] of the next step.
         self._next = 0, math.nan, math.nan
-        #: Inputs of a motion with their arrays, and the parts of the step that have passed there.
-        self._live = [(x, view, passed) for x, view, passed in views if isinstance(x, InputSignal)]
-        #: Whether other functions change in time.
-        self._varies = any(not (x.is_constant or isinstance(x, InputSignal)) for x, *_ in views)
-        if not self._varies:
-            self._fill(inputs_of(problem, forcing, 0.0, np.array([dt])), 0)
 
     def begin(self, grid: Callable[..., Any]) -> None:
         """Begin with step 1 of a grid, which has the ends of steps by their numbers."""
@@ -156,35 +149,28 @@ class SingleInputs:
         self._next = number, t0, t1
 
     def ahead(self, t: float, times: np.ndarray) -> StepInputs:
-        """Inputs of the next step, in arrays that the one after it overwrites, or of its parts."""
+        """Inputs of the next step, as they are now, or of its parts."""
         number, t0, t1 = self._next
         if t != t0 or times[0] != t1:
             return inputs_of(self._problem, self._forcing, t, times)
-        if self._varies:
-            known, first = self._known
-            if (number - first) * known.parts >= len(known.driven):
-                ends = self._grid(number + np.arange(_BLOCK))
-                known, first = inputs_of(self._problem, self._forcing, t, ends), number
-                if known.error is not None and not isinstance(known.error, StepError):
-                    raise known.error
-                if not len(known.driven):
-                    return known
-                self._known = known, first
-            self._fill(known, number - first)
-        for signal, view, passed in self._live:
+        known, first = self._known
+        step = number - first if self._varies else 0
+        if step >= known.steps:
+            ends = self._grid(number + np.arange(_BLOCK if self._varies else 1))
+            known, step = inputs_of(self._problem, self._forcing, t, ends), 0
+            if known.error is not None and not isinstance(known.error, StepError):
+                raise known.error
+            if not known.steps:
+                return known
+            self._known = known, number
+        inputs = known.of_step(step) if self._varies else known
+        for signal, name, at, passed in self._live:
+            rows = getattr(inputs, name)
             if signal.ramps:
-                view[...] = signal.start + (signal.end - signal.start) * passed
+                rows[at] = signal.start + (signal.end - signal.start) * passed
             else:
-                view[...] = signal.end
-        return self._inputs
-
-    def _fill(self, inputs: StepInputs, step: int) -> None:
-        """Copy the inputs of the sub-steps of one step."""
-        sub_steps = slice(step * inputs.parts, (step + 1) * inputs.parts)
-        sources = inputs.arrays()
-        for name, target in self._inputs.arrays().items():
-            if sources[name].size:
-                target[...] = sources[name][sub_steps].reshape(target.shape)
+                rows[at] = signal.end
+        return inputs
 
 
 def _fits(value, width: int | None) -> bool:

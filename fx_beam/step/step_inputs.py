@@ -51,6 +51,12 @@ class StepInputs:
         first = steps * self.parts
         return replace(self, **{name: rows[first:] for name, rows in self.arrays().items()})
 
+    def of_step(self, step: int) -> StepInputs:
+        """The inputs of a single step, from 0 on."""
+        rows = slice(step * self.parts, (step + 1) * self.parts)
+        arrays = {name: array[rows] for name, array in self.arrays().items()}
+        return StepInputs(parts=self.parts, **arrays)
+
     def in_c(self, ffi: Any) -> Any:
         """The struct ``Inputs``, which reads the arrays as long as they are kept."""
         if self._c is not None:
@@ -100,8 +106,7 @@ def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -
         """Rows of all sub-steps; a single row is repeated without copies."""
         values = series(*(end[: 1 if constant else None] for end in ends))
         values = np.ascontiguousarray(floats(values))
-        shape = len(t1), *values.shape[1:]
-        return np.broadcast_to(values, shape) if values.size else np.empty(shape)
+        return np.broadcast_to(values, (len(t1), *values.shape[1:])) if constant else values
 
     try:
         arrays: dict[str, Any] = {}

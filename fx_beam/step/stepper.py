@@ -60,9 +60,10 @@ class Stepper:
         state = self.loop.state
         return state.read().changed(past=state.past, parts=self.halving.state)
 
-    def record(self, state: State, recorder: Recorder) -> None:
-        """Begin to record a run from a state."""
-        self.loop.record(state, recorder)
+    def begin(self, state: State, recorder: Rows) -> None:
+        """Begin the rows of a run with its first state."""
+        if isinstance(recorder, Recorder):
+            self.loop.record(state, recorder)
         self.mark(recorder)
 
     def mark(self, recorder: Rows) -> None:
