@@ -95,7 +95,7 @@ class Case:
         if tape is not None:
             tape.clear()
         clock = process_time()
-        self.prepared.stepper.advance(self.start, self.times[1:], 1, recorder)
+        self.prepared.stepper.advance(self.times[1:], 1, recorder)
         return process_time() - clock
 
 

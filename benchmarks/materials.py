@@ -61,9 +61,8 @@ def step(section, elements, steps):
 
     def timed(*arguments):
         clock = thread_time()
-        state = march(*arguments)
+        march(*arguments)
         taken.append(thread_time() - clock)
-        return state
 
     stepper.Stepper.advance = timed
     try:

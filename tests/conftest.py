@@ -21,7 +21,6 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
 from fx_beam import c_library, errors, library_cache  # noqa: E402
 from fx_beam.step import program  # noqa: E402
 from fx_beam.step.loop import CompiledLoop  # noqa: E402
-from fx_beam.step.single_steps import CompiledSingleSteps  # noqa: E402
 
 # Pictures without a display, as `./run` has it.
 os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
@@ -42,15 +41,14 @@ _STRETCH = 1 + 2e-15 * int(os.environ.get("FX_BEAM_ROUNDING", "0"))
 
 
 if _STRETCH != 1:
-    _take, _begin = CompiledLoop.take, CompiledSingleSteps.__init__
+    _take = CompiledLoop.take
 
-    def _stretched(loop, state, steps, *others):
+    def _stretched(loop, steps, recorder):
         """Equal steps whose length is multiplied by `_STRETCH`; their times are as they were."""
         length = steps.dt * (_STRETCH if steps.control is None else 1)
-        return _take(loop, state, steps._replace(dt=length), *others)
+        return _take(loop, steps._replace(dt=length), recorder)
 
     CompiledLoop.take = _stretched
-    CompiledSingleSteps.__init__ = lambda self, loop, dt: _begin(self, loop, dt * _STRETCH)
 
 
 @pytest.fixture(autouse=True)

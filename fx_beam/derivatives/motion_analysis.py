@@ -77,7 +77,7 @@ class MotionAnalysis(Analysis):
             raise
         self.parameters.stats = run.prepared.stats
         if self._series.tape is not None:
-            self._series.tape.last = run.recorder.end
+            self._series.tape.last = run.prepared.loop.state.read()
         if isinstance(rows, Solution):
             self.t, y = rows.t, self.read(rows)
             recorder = weakref.ref(run.recorder)

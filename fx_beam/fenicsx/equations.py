@@ -70,7 +70,7 @@ class Equations:
         reduction, strains = self.model.reduction, self.model.data.natural
         # The end less the start differs from dt by round-off, which would count as work.
         interval = self.loop.interval(dt)
-        start = self.loop.state.read(self.loop.problem.c.work.state.t)
+        start = self.loop.state.read()
         reduction.begin(start.q, start.slides)
         if self._natural is not None:
             self._natural_in_c[:] = self._natural.ravel()

@@ -157,8 +157,10 @@ class Problem(Steps):
             self._accelerate()
         self._starts = False
         self._equations.find_natural_strains()
-        stepper = self._prepared.stepper
-        self._set(stepper.advance(self._state, np.array([end]), number, recorder))
+        stepper, state = self._prepared.stepper, self._prepared.loop.state
+        state.load(self._state)
+        stepper.advance(np.array([end]), number, recorder)
+        self._set(state.read())
 
     def _accelerate(self) -> None:
         """Accelerations at the start by all forces, also by terms that only these forms have."""
@@ -213,7 +215,7 @@ class Problem(Steps):
         rows = ReplacedRows(self._equations.assembly, recorder)
         if self._starts and self._form.has_further:
             self._accelerate()
-        self._prepared.loop.record(self._state, recorder)
+        prepared.stepper.begin(self._state, recorder)
         self._hold_in_an_instant()
         rows.follow()
 
@@ -229,7 +231,7 @@ class Problem(Steps):
                 if after is not None:
                     after(self)
         except BaseException as error:
-            recorder.settle_at_end()
+            prepared.stepper.return_to(recorder.end, recorder)
             stats.failure = failure_of(error, self.t)
             attach(error, solution)
             raise

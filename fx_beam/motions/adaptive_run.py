@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
-from fx_beam.results.records import stats_unchanged
 from fx_beam.results.state import State
 from fx_beam.step.events import end_behind_event
 from fx_beam.step.loop import StepsResult
@@ -35,6 +34,7 @@ class AdaptiveRun:
         self, stepper: Stepper, recorder: Recorder, tolerance: Tolerance, single: bool = False
     ):
         self._stepper, self._recorder, self._stats = stepper, recorder, stepper.stats
+        self._state = stepper.loop.state
         self._control = StepControl(
             stepper.model, tolerance.value, tolerance.span, tolerance.longest
         )
@@ -51,50 +51,48 @@ class AdaptiveRun:
         #: Ends of steps at which a contact or a law has switched [s].
         self.events: list[float] = []
 
-    def advance(self, state: State) -> None:
-        """Take some steps from a state, at most up to the next break."""
+    def advance(self) -> None:
+        """Take some steps, at most up to the next break."""
         control, stats, recorder = self._control, self._stats, self._recorder
         until = self._tolerance.breaks[self._next]
         if not self._started:
-            self._start(state, until)
-        ends, dt = control.ends(state.t, until, self._block)
+            self._start(until)
+        ends, dt = control.ends(self._state.t, until, self._block)
         if self._single:
             ends = ends[:1]
         first = stats.steps + 1
         last = self._next == len(self._tolerance.breaks) - 1
         recorder.plan(first, ends, last and ends[-1] == until)
-        result = self._try_steps(state, ends, dt, first, recorder)
+        result = self._try_steps(ends, dt, first, recorder)
         if self._watch and (result.switched or (result.ratio or 0.0) > 1):
             result, dt = self._up_to_event(result, float(ends[result.taken]))
         if result.taken:
             self._halvings = 0
         length = control.length
         if result.failed:
-            self._fail(result.state, dt)
+            self._fail(dt)
         elif result.ratio is not None and result.ratio > 1:
             stats.rejected += 1
             control.reject(dt, result.ratio)
         else:
             control.succeed(dt, result.last_ratio, result.ratio)
         if control.too_short:
-            raise self._too_short(result.state.t)
+            raise self._too_short()
         unchanged = control.length == length and result.taken == len(ends)
         self._block = min(2 * self._block, _LARGEST_BLOCK) if unchanged else _FIRST_BLOCK
-        if result.state.t == until:
+        if self._state.t == until:
             self._next, self._started = self._next + 1, False
 
-    def _try_steps(
-        self, state: State, ends: np.ndarray, dt: float, first: int, recorder: Rows
-    ) -> StepsResult:
+    def _try_steps(self, ends: np.ndarray, dt: float, first: int, recorder: Rows) -> StepsResult:
         """Take steps of the length dt [s], up to where something switches that matters."""
         stepper, control = self._stepper, self._control
-        result = stepper.try_steps(state, ends, dt, first, recorder, control, self._watch)
+        result = stepper.try_steps(ends, dt, first, recorder, control, self._watch)
         if not result.switched:
             return result
-        reached, next_one = result.state, ends[result.taken : result.taken + 1]
-        if self._matters(reached, float(next_one[0])):
+        next_one = ends[result.taken : result.taken + 1]
+        if self._matters(self._state.read(), float(next_one[0])):
             return result
-        step = stepper.try_steps(reached, next_one, dt, first + result.taken, recorder, control)
+        step = stepper.try_steps(next_one, dt, first + result.taken, recorder, control)
         return step._replace(taken=result.taken + step.taken)
 
     @property
@@ -124,8 +122,7 @@ class AdaptiveRun:
 
     def _trial(self, state: State, t1: float, watch: bool = False) -> Trial:
         """A step that is not part of the run; it is counted as rejected."""
-        with stats_unchanged(self._stats):
-            trial = self._stepper.trial(state, t1, watch)
+        trial = self._stepper.trial(state, t1, watch)
         self._stats.rejected += 1
         return trial
 
@@ -135,7 +132,7 @@ class AdaptiveRun:
         Also the length of the step that was tried [s].
         """
         stepper, recorder, stats = self._stepper, self._recorder, self._stats
-        state = result.state
+        state = self._state.read()
         first = stepper.model.kinks.switches(state)
         if not len(first):
             return result, t1 - state.t
@@ -147,17 +144,15 @@ class AdaptiveRun:
         end = self._harmless(state, end)
         number = stats.steps + 1
         recorder.plan(number, np.array([end]), end == self._tolerance.breaks[-1])
-        step = stepper.try_steps(
-            state, np.array([end]), end - state.t, number, recorder, self._control
-        )
+        step = stepper.try_steps(np.array([end]), end - state.t, number, recorder, self._control)
         if step.taken:
             self.events.append(end)
             self._started, self._follows_event = False, True
         return step._replace(taken=result.taken + step.taken), end - state.t
 
-    def _start(self, state: State, until: float) -> None:
+    def _start(self, until: float) -> None:
         """Find the first length by trial steps, which are not part of the run."""
-        loop, control, stats = self._stepper.loop, self._control, self._stats
+        state, control, stats = self._state.read(), self._control, self._stats
         number = control.order + AVERAGED
         longest = (until - state.t) / number
         if self._follows_event:
@@ -165,23 +160,24 @@ class AdaptiveRun:
             self._follows_event = False
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
-            reached, ratio, failed = state, None, False
-            with loop.state.unchanged(), stats_unchanged(stats):
-                loop.state.forget_errors()
+            ratio, failed = None, False
+            with self._stepper.unchanged():
+                self._state.forget_errors()
                 while ratio is None and not failed:
-                    number = round((reached.t - state.t) / dt)
+                    number = round((self._state.t - state.t) / dt)
                     ends = state.t + dt * np.arange(number + 1, control.order + AVERAGED + 1)
-                    result = self._try_steps(reached, ends, dt, 1, NullRecorder())
-                    reached, ratio, failed = result.state, result.ratio, result.failed
+                    result = self._try_steps(ends, dt, 1, NullRecorder())
+                    ratio, failed = result.ratio, result.failed
                     if result.switched:
                         break
+                reached = self._state.t
             stats.rejected += control.order + AVERAGED
             if failed:
-                self._fail(state, dt)
+                self._fail(dt)
                 continue
             if result.switched and dt > self._least:
                 # Fewer steps would have no error that is known up to there.
-                steps_taken = round((reached.t - state.t) / dt)
+                steps_taken = round((reached - state.t) / dt)
                 control.begin(dt * min((steps_taken + 0.5) / (control.order + AVERAGED + 1), 0.5))
                 longest = min(longest, control.length)
                 continue
@@ -194,19 +190,20 @@ class AdaptiveRun:
             if not control.retry(dt, ratio or 0.0, longest if search else dt):
                 break
             if control.too_short:
-                raise self._too_short(state.t)
-        loop.state.forget_errors()
+                raise self._too_short()
+        self._state.forget_errors()
         self._started, self._block = True, _FIRST_BLOCK
 
-    def _fail(self, state: State, dt: float) -> None:
+    def _fail(self, dt: float) -> None:
         """Halve the steps after a failure of Newton's method; StepError if this is not allowed."""
         if self._halvings == self._stepper.halving.most:
-            raise self._stepper.error(state, state.t + dt, _ADVICE)
+            raise self._stepper.error(self._state.t + dt, _ADVICE)
         self._halvings += 1
         self._stats.halvings += 1
         self._control.begin(dt / 2)
 
-    def _too_short(self, t: float) -> StepError:
+    def _too_short(self) -> StepError:
+        t = self._state.t
         return StepError(
             Failure(
                 "too short",

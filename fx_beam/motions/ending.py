@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError, is_number, shown
-from fx_beam.results.state import State
 from fx_beam.scene.outputs import is_section_force
-from fx_beam.step.recorder import NullRecorder, Recorder, Rows
+from fx_beam.step.recorder import Mark, NullRecorder, Recorder, Rows
 
-from .mark import Mark
 from .measurement import Instant, fitted_value, readings
 from .prepared import Prepared
 
@@ -34,9 +31,8 @@ _MOST_TRIALS = 200
 
 
 class _Start(NamedTuple):
-    """The start of a step: its state, its mark and the statistics before it."""
+    """The start of a step: its mark and the statistics before it."""
 
-    state: State
     mark: Mark
     stats: dict[str, Any]
 
@@ -51,11 +47,13 @@ class Ending:
     def __init__(self, prepared: Prepared, recorder: Recorder):
         self._prepared, self._stepper, self._recorder = prepared, prepared.stepper, recorder
         self._conditions = prepared.options.until
+        self._arrays = prepared.loop.state.arrays.__getitem__
         self._last = start = recorder.end
+        self._t0 = start.t
         #: Time over which rates of driven motions are found at the start [s].
         self._ahead = prepared.options.dt or 1e-3 * (prepared.options.t_end - start.t)
-        #: What outputs are read from: the last state, and where its step starts and ends.
-        self._step: tuple[State, Instant | None, Instant | None] = start, None, None
+        #: Where the step to the state in C starts and ends, if rates are fitted.
+        self._step: tuple[Instant | None, Instant | None] = None, None
         outputs, record = prepared.options.outputs or {}, prepared.options.record
         every = record.every == 1 and record.motion and record.rates
         self._readings = readings(prepared, self._value, outputs, self._last_row if every else None)
@@ -67,19 +65,19 @@ class Ending:
         self._values = self._values_after(start, start)
         self._begins = True
 
-    def advance(self, take_steps: Callable[[State], None], kinks: list[float]) -> None:
+    def advance(self, take_steps: Callable[[], None], kinks: list[float]) -> None:
         """Let a run take a step, which ends where a condition is met in it.
 
         Steps are not joined at `kinks`, times at which the motion is not smooth [s].
         """
         start = self._mark()
-        if start.state is not self._last:
+        if start.mark is not self._last:
             self._start_before = None  # full turns are counted separately from here on
-        take_steps(start.state)
+        take_steps()
         end = self._recorder.end
-        if end.t == start.state.t:
+        if end.t == start.mark.t:
             return  # the step is repeated
-        values = self._values_after(start.state, end)
+        values = self._values_after(start.mark, end)
         if self._begins:
             for name, value in values.items():
                 if abs(self._values[name]) <= _ZERO * abs(value):
@@ -89,7 +87,7 @@ class Ending:
         if met:
             self._end(start, end.t, met, values, kinks)
         self._start_before, self._values, self._last = start, values, self._recorder.end
-        self._length = end.t - start.state.t
+        self._length = end.t - start.mark.t
 
     def _end(
         self, start: _Start, t1: float, met: list[str], values: dict[str, float], kinks: list[float]
@@ -97,7 +95,7 @@ class Ending:
         """End the run where the first of some conditions is met in the step to t1 [s]."""
         # Shorter steps have as many parts as this one.
         halving = dict(vars(self._stepper.halving))
-        t0, start, start_before = start.state.t, start.with_parts(halving), self._start_before
+        t0, start, start_before = start.mark.t, start.with_parts(halving), self._start_before
         ends = {name: self._zero(name, start, t0, t1, values[name]) for name in met}
         soon, least = (t0 + part * (t1 - t0) for part in (_JUMP, _SHORTEST))
 
@@ -108,7 +106,7 @@ class Ending:
         first = min(ends, key=order)
         if ends[first] < least and start_before is not None and t0 not in kinks:
             longer = start_before.with_parts(halving)
-            if self._jumps(t := start_before.state.t, t0, t1):
+            if self._jumps(t := start_before.mark.t, t0, t1):
                 t1 = t0 + max(_INSIDE * (t0 - t), 2 * np.spacing(t0))
             value = self._at(first, longer, t1)
             if abs(value) <= _ZERO * abs(self._values[first]):
@@ -125,7 +123,7 @@ class Ending:
         number = self._stepper.stats.steps + 1
         end = np.array([ends[first]])
         self._recorder.plan(number, end, last=True)
-        self._stepper.advance(start.state, end, number, self._recorder)
+        self._stepper.advance(end, number, self._recorder)
         self._stepper.stats.until = first
 
     def _jumps(self, t: float, t0: float, t1: float) -> bool:
@@ -148,7 +146,7 @@ class Ending:
         By false position with halved weights (Illinois), and bisection every third time.
         """
         a, b, fa, fb = t0, t1, self._values[name], last
-        least, side = _OF_STEP * (t1 - start.state.t) + _OF_TIME * abs(t1), 0
+        least, side = _OF_STEP * (t1 - start.mark.t) + _OF_TIME * abs(t1), 0
         for trial in range(_MOST_TRIALS):
             if b - a <= least:
                 break
@@ -170,22 +168,23 @@ class Ending:
         number, ends = self._stepper.stats.steps + 1, np.array([t])
         if isinstance(recorder, Recorder):
             recorder.plan(number, ends, last=False)
-        end = self._stepper.advance(start.state, ends, number, recorder)
-        return self._values_after(start.state, end, [name])[name]
+        self._stepper.advance(ends, number, recorder)
+        return self._values_after(start.mark, recorder.end, [name])[name]
 
     def _values_after(
-        self, start: State, end: State, names: Sequence[str] | None = None
+        self, start: Mark, end: Mark, names: Sequence[str] | None = None
     ) -> dict[str, float]:
         """Values of conditions at the end of a step: numbers, or 1 where they are met, else -1."""
         first = last = None
         if self._prepared.model.fits_rates:
             forcing, dt = self._prepared.forcing, end.t - start.t or self._ahead
-            length, known = self._length or -dt, start.driven_rates
-            last = Instant(forcing, start.t, length, partial(getattr, start), known)
+            known = self._recorder.first.driven_rates if start.t == self._t0 else None
+            copied = self._prepared.loop.state.arrays_of
+            last = Instant(forcing, start.t, self._length or -dt, copied(start.state), known)
             if end is not start:
                 first = last
-                last = Instant(forcing, start.t + dt, dt, partial(getattr, end), None, first)
-        self._step = end, first, last
+                last = Instant(forcing, start.t + dt, dt, copied(end.state), None, first)
+        self._step = first, last
         outputs = {key: read() for key, read in self._readings.items()}
         values: dict[str, float] = {}
         for name in self._conditions if names is None else names:
@@ -211,21 +210,18 @@ class Ending:
         return values
 
     def _value(self, name: str) -> Any:
-        state, *instants = self._step
-        return fitted_value(name, partial(getattr, state), *instants)
+        return fitted_value(name, self._arrays, *self._step)
 
     def _last_row(self) -> tuple[Any, Recorder, np.ndarray]:
-        return self._step, self._recorder, self._value("a")
+        return self._recorder.end, self._recorder, self._value("a")
 
     def _mark(self) -> _Start:
-        stepper, recorder = self._stepper, self._recorder
-        stats = vars(stepper.stats) | {"ended_by": dict(stepper.stats.ended_by)}
-        return _Start(recorder.end, Mark.of(stepper, recorder), stats)
+        stats = self._stepper.stats
+        return _Start(self._recorder.end, vars(stats) | {"ended_by": dict(stats.ended_by)})
 
     def _return_to(self, start: _Start) -> None:
-        start.mark.restore(self._stepper, self._recorder)
+        self._stepper.return_to(start.mark, self._recorder)
         vars(self._stepper.stats).update(start.stats | {"ended_by": dict(start.stats["ended_by"])})
-        self._recorder.end = start.state
 
 
 def _changes(old: float, value: float) -> bool:

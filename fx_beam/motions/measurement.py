@@ -15,6 +15,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.measured import Measured
 from fx_beam.scene.outputs import Output, is_section_force
 from fx_beam.step.forcing import Forcing
+from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import MEANS, driven_increments, fitted_mean
 
@@ -125,12 +126,12 @@ def readings(
     by_name = {name: Measured(output) for name, output in outputs.items() if name not in sections}
     if any(measured.quantity.of in _NOT_ALWAYS for measured in by_name.values()):
         prepared.loop.problem.keep_joint_forces()
-    model, turns = prepared.model, prepared.turn_counter.removed
+    model, turns = prepared.model, prepared.turn_counter
     read = {name: _reading(model, now, turns, measured) for name, measured in by_name.items()}
     return {name: section_readings.get(name) or read[name] for name in outputs}
 
 
-def _reading(model: Model, array_of: Arrays, turns: np.ndarray, measured: Measured) -> Reading:
+def _reading(model: Model, array_of: Arrays, turns: TurnCounter, measured: Measured) -> Reading:
     if measured.law_quantity == "energy":
         return _energy_reading(model, array_of, measured)
     if measured.contact is not None:
@@ -148,7 +149,7 @@ def _reading(model: Model, array_of: Arrays, turns: np.ndarray, measured: Measur
         if values is None:
             return np.zeros(len(entries))
         now = values.reshape(-1)[entries]
-        return now + turns[entries] if turning and array == "q" else now
+        return now + turns.removed[entries] if turning and array == "q" else now
 
     def read() -> Any:
         value = measured.values(read_now)

@@ -20,15 +20,13 @@ from fx_beam.results.state import State
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.step import full_turns
-from fx_beam.step.held_inputs import HeldInputs
+from fx_beam.step.held_inputs import HeldInputs, SingleInputs
 from fx_beam.step.interrupts import Method, ctrl_c_waits, one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
-from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
-from fx_beam.step.single_steps import CompiledSingleSteps
+from fx_beam.step.recorder import Mark, NullRecorder, Record, Recorder, Rows
 
 from .evaluation import solution_of
-from .mark import Mark
 from .measurement import Instant, fitted_state, fitted_value, readings
 from .options import MOST_STEPS, Grid, Options, check_scene, grid_from
 from .prepared import Prepared, prepare, state_of
@@ -91,28 +89,18 @@ class Snapshot:
             )
 
 
-class _Course(NamedTuple):
-    """Start of the steps of a motion, since it began or was restored."""
+class _Present(NamedTuple):
+    """The end of a step of a motion: what no further step changes."""
 
-    start: State
-    #: Times of the ends of steps, their rows, and the number of all steps before.
+    #: Times of the ends of steps since the motion began or was restored, and their rows.
     grid: Grid
     recorder: Rows
-    steps: int
-
-
-class _Present(NamedTuple):
-    """The end of a step of a motion: copies, which no further step changes."""
-
-    course: _Course
-    #: Number of steps in this course, and time [s].
+    #: Number of all steps before them, and of the steps on the grid.
+    before: int
     number: int
-    t: float
-    #: The state in C, and what else steps change.
     mark: Mark
-    #: Values of inputs by name, and full turns (size,) that are missing in the state [rad].
+    #: Values of inputs by name.
     inputs: dict[str, np.ndarray]
-    turns: np.ndarray
     #: Where the last step starts and ends, if rates are fitted.
     start: Instant | None = None
     end: Instant | None = None
@@ -122,111 +110,88 @@ class OpenMotion:
     """Takes steps of the length dt [s].
 
     A step changes the state in C, inputs and record; then one assignment makes it the present one.
-    After an interrupt before that, `settle` copies the present state into C. Steps that fail, and
-    those in parts, are taken by the `Stepper`.
+    After an interrupt before that, `settle` returns to the present one.
     """
 
-    #: The present state.
+    #: The end of the last step.
     now: _Present
 
     def __init__(self, prepared: Prepared, inputs: HeldInputs, dt: float, record: Record | None):
         self._prepared, self._dt, self._record = prepared, dt, record
         self.held = inputs
-        self._loop = loop = prepared.loop
-        self._steps = CompiledSingleSteps(loop, dt)
-        #: The present state that C has; None while a step is taken.
-        self._present_in_c: _Present | None = None
+        self._loop, self._stepper = prepared.loop, prepared.stepper
+        self._inputs = SingleInputs(self._loop.problem, prepared.forcing)
+        #: Whether state, inputs and record are those of the present step.
+        self._settled = False
         #: Arrays of the state in C by name.
-        self.arrays = loop.state.arrays.__getitem__
+        self.arrays = self._loop.state.arrays.__getitem__
 
     def begin(self, state: State, removed: np.ndarray, grid: Grid) -> None:
         """Begin to step and to record from a state, in which full turns are missing."""
-        prepared, model, loop = self._prepared, self._prepared.model, self._loop
+        prepared = self._prepared
         recorder: Rows = NullRecorder()
         if self._record is not None:
-            recorder = Recorder(model, np.array([state.t]), self._record)
-        prepared.turn_counter.removed[:] = removed
-        recorder.miss(removed)
-        state = prepared.count_turns(state, recorder) or state
-        self._load(state)
-        if isinstance(recorder, Recorder):
-            loop.record(state, recorder)
-            recorder.plan(1, grid(np.arange(1, 1 + _ROWS)), last=False)
-        course = _Course(state, grid, recorder, prepared.stats.steps)
-        mark, turns = Mark.of(prepared.stepper, recorder), prepared.turn_counter.removed.copy()
-        present = _Present(course, 0, grid(0), mark, self.held.values, turns)
-        if model.fits_rates:
-            arrays, known = loop.state.arrays_of(mark.state), state.driven_rates
-            end = Instant(prepared.forcing, present.t, -self._dt, arrays, known)
-            present = present._replace(end=end)
-        self._be(present)
-
-    def _load(self, state: State) -> None:
-        self._present_in_c = None
-        self._prepared.stepper.load(state)
-        self._steps.load(state)
-
-    def _be(self, present: _Present) -> None:
-        """Have a present state, which is that in C."""
-        self._present_in_c = present
-        self.now = present
+            recorder = Recorder(prepared.model, np.array([state.t]), self._record)
+        counter = prepared.turn_counter
+        turns = counter.turns_of(state.q)
+        counter.removed = removed + turns
+        recorder.miss(counter.removed)
+        state = counter.without(turns, state)
+        self._stepper.load(state)
+        self._stepper.begin(state, recorder)
+        recorder.plan(1, grid(np.arange(1, 1 + _ROWS)), last=False)
+        self._inputs.begin(grid)
+        self._loop.inputs_ahead = self._inputs.ahead
+        mark, end = recorder.end, None
+        if prepared.model.fits_rates:
+            arrays = self._loop.state.arrays_of(mark.state)
+            end = Instant(prepared.forcing, mark.t, -self._dt, arrays, state.driven_rates)
+        before, inputs = prepared.stats.steps, self.held.values
+        self.now = _Present(grid, recorder, before, 0, mark, inputs, end=end)
+        self._settled = True
 
     def settle(self) -> None:
         """Undo what an interrupt or an error has left of a step that was not taken."""
-        present, course, prepared = self.now, self.now.course, self._prepared
-        if self._present_in_c is present:
+        if self._settled:
             return
-        present.mark.restore(prepared.stepper, course.recorder)
-        prepared.forcing.hold(course.start)
+        present = self.now
+        self._stepper.return_to(present.mark, present.recorder)
+        self._prepared.forcing.hold(self._loop.state.read())
         self.held.set(present.inputs)
         self.held.arrive()
-        prepared.turn_counter.removed[:] = present.turns
-        course.recorder.miss(present.turns)
-        self._present_in_c = present
+        self._inputs.begin(present.grid)
+        self._settled = True
 
     # -- Steps --------------------------------------------------------------------------------
 
     def step(self, inputs: Mapping[str, object]) -> None:
         """Take a step with some new inputs."""
-        if self._present_in_c is not self.now:
-            self.settle()
-        present, held_inputs = self.now, self.held
-        (_, grid, recorder, _), number = present.course, present.number + 1
-        checked, t1 = held_inputs.checked(inputs), grid(number)
+        self.settle()
+        grid, recorder, before, number, mark, _, _, start = self.now
+        checked, number = self.held.checked(inputs), number + 1
+        t1 = grid(number)
         if number >= recorder.grid.planned:
-            ends = grid(np.arange(number, number + _ROWS))
-            recorder.plan(number, ends, last=False)
-        self._present_in_c = None
-        held_inputs.set(checked)
-        held_inputs.begin(present.t, t1)
-        stepper = self._prepared.stepper
-        if stepper.halving.times or not self._steps.take(number, present.t, grid, recorder):
-            self._loop.count()
-            stepper.advance(self.state(), np.array([t1]), number, recorder)
-        held_inputs.arrive()
-        recorder.truncate(1 + number // recorder.grid.every)
-        mark, start, end = Mark.of(stepper, recorder), present.end, None
+            recorder.plan(number, grid(np.arange(number, number + _ROWS)), last=False)
+        self._settled = False
+        self.held.set(checked)
+        self.held.begin(mark.t, t1)
+        self._inputs.next(number, mark.t, t1)
+        self._stepper.advance(np.array([t1]), number, recorder)
+        self.held.arrive()
+        mark, end = recorder.end, None
         if start is not None:
             arrays = self._loop.state.arrays_of(mark.state)
             end = Instant(self._prepared.forcing, t1, self._dt, arrays, start=start)
-        course, inputs, turns = present.course, held_inputs.values, present.turns
-        self._be(_Present(course, number, t1, mark, inputs, turns, start, end))
+        inputs = self.held.values
+        self.now = _Present(grid, recorder, before, number, mark, inputs, start, end)
         if number % full_turns.STEPS == 0:
-            self._count_turns()
-
-    def _count_turns(self) -> None:
-        """Count full turns separately, so that they do not add to rounding errors."""
-        prepared, present, recorder = self._prepared, self.now, self.now.course.recorder
-        self._present_in_c = None
-        if (state := prepared.count_turns(self.state(), recorder)) is not None:
-            self._load(state)
-            mark, turns = Mark.of(prepared.stepper, recorder), prepared.turn_counter.removed.copy()
-            present = present._replace(mark=mark, turns=turns)
-        self._be(present)
+            self._stepper.count_turns(recorder)
+            self.now = self.now._replace(mark=recorder.end)
+        self._settled = True
 
     def count(self) -> None:
         """Add what was counted to the statistics."""
-        self._prepared.stats.steps = self.now.course.steps + self.now.number
+        self._prepared.stats.steps = self.now.before + self.now.number
         self._loop.count()
 
     # -- The present state ----------------------------------------------------------------------
@@ -237,17 +202,12 @@ class OpenMotion:
 
     def last_row(self) -> tuple[_Present, Rows, np.ndarray]:
         """Identity of the state, its record, and its accelerations (size,)."""
-        return self.now, self.now.course.recorder, self.value("a")
-
-    def state(self) -> State:
-        """The state in C, with all on which the next step depends."""
-        state, halving = self._loop.state, self._prepared.stepper.halving
-        return state.read(self.now.t).changed(past=state.past, parts=halving.state)
+        return self.now, self.now.recorder, self.value("a")
 
     def shown(self) -> State:
         """Present state as it is shown, with the present inputs."""
         self.settle()
-        state = fitted_state(self.state(), self.now.start, self.now.end)
+        state = fitted_state(self._stepper.state(), self.now.start, self.now.end)
         return state.changed(inputs=self.held.all, input_names=self.held.names)
 
     def end(self) -> State:
@@ -258,7 +218,7 @@ class OpenMotion:
         """Present state as a solution of one row."""
         end = self.end()
         recorder = Recorder(self._prepared.model, np.array([end.t]), Record())
-        self._present_in_c = None
+        self._settled = False
         self._loop.record(end, recorder)
         return solution_of(recorder, stats, lambda: end)
 
@@ -266,7 +226,7 @@ class OpenMotion:
         """Return to a snapshot of the same scene."""
         self.settle()
         self.count()
-        self._present_in_c, forcing = None, self._prepared.forcing
+        self._settled, forcing = False, self._prepared.forcing
         forcing.hold(snapshot.state)
         self.held.resume(forcing, snapshot.state)
         self.begin(snapshot.state, snapshot.turns, Grid(*snapshot.step, self._dt))
@@ -461,9 +421,9 @@ class Motion:
         outputs = self.outputs
         with ctrl_c_waits() as whole:
             motion = self._open
-            while motion.now.t < last:
+            while (t := motion.now.mark.t) < last:
                 with whole:  # what the controller remembers belongs to the step
-                    inputs = None if controller is None else controller(motion.now.t, outputs)
+                    inputs = None if controller is None else controller(t, outputs)
                     outputs = self.step(inputs)
         return outputs
 
@@ -479,7 +439,7 @@ class Motion:
     @one_motion
     def t(self) -> float:
         """Present time [s]."""
-        return self._open.now.t
+        return self._open.now.mark.t
 
     @property
     def dt(self) -> float:
@@ -491,7 +451,7 @@ class Motion:
     def q(self) -> np.ndarray:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
         motion = self._settled
-        return (motion.arrays("q") + motion.now.turns).reshape(-1, 3)
+        return (motion.arrays("q") + motion.now.mark.turns).reshape(-1, 3)
 
     @property
     @one_motion
@@ -550,7 +510,7 @@ class Motion:
         SceneError
             If nothing is recorded.
         """
-        recorder = self._settled.now.course.recorder
+        recorder = self._settled.now.recorder
         if not isinstance(recorder, Recorder):
             raise SceneError(
                 "Motion.solution: nothing was recorded. Create the motion with record=fb.Record()"
@@ -571,8 +531,8 @@ class Motion:
             The present state.
         """
         state, present = self._open.shown(), self._open.now
-        step = present.course.grid.origin, present.course.grid.first + present.number
-        return Snapshot(present.t, state, step, present.turns)
+        step = present.grid.origin, present.grid.first + present.number
+        return Snapshot(present.mark.t, state, step, present.mark.turns)
 
     @one_motion
     def restore(self, snapshot: Snapshot) -> dict[str, Any]:

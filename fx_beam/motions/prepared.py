@@ -11,7 +11,7 @@ from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.laws.schemes import Scheme
-from fx_beam.results.records import Stats, stats_unchanged
+from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
@@ -22,7 +22,7 @@ from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model, fact
 from fx_beam.step.numbers import data_of
 from fx_beam.step.program import PROGRAMS
-from fx_beam.step.recorder import Recorder, Rows
+from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import Halving
 
@@ -55,7 +55,7 @@ class Prepared:
         self.options = options
         dt = options.dt if options.tolerance is None else None
         #: What takes the steps of the loop.
-        self.stepper = Stepper(self.loop, Halving(options.max_halvings, dt))
+        self.stepper = Stepper(self.loop, Halving(options.max_halvings, dt), self.turn_counter)
 
     def restart(self, scene: Scene, options: Options) -> None:
         """Begin anew with another scene of this structure, in the same memory.
@@ -70,22 +70,10 @@ class Prepared:
         if (options.scheme, options.newton) != (last.scheme, last.newton):
             raise OtherStructureError("another scheme, or other options")
         self.model.set_numbers(data_of(self.model, scene))
-        self.turn_counter.removed[:] = 0.0
+        self.turn_counter.removed = np.zeros(self.model.size)
         self._begin_run()
         self.loop.restart(self.forcing, self.stats)
         self._begin_steps(options)
-
-    def count_turns(self, state: State, recorder: Rows) -> State | None:
-        """The state without its full turns, which rows miss from here on; None if it has none.
-
-        Counted separately, they do not add to rounding errors.
-        """
-        counter = self.turn_counter
-        if not (turns := counter.turns_of(state)).any():
-            return None
-        counter.removed[:] += turns
-        recorder.miss(counter.removed)
-        return counter.without(turns, state)
 
     def first_state(self, dt: float, start: Solution | None, accelerations: bool = True) -> State:
         """Initial state of a motion by steps of the length dt [s].
@@ -156,8 +144,7 @@ class Prepared:
             return state
         from fx_beam.step.fitted_rates import rate_fit
 
-        with stats_unchanged(self.stats):
-            end = self.stepper.trial(state, state.t + dt).state
+        end = self.stepper.trial(state, state.t + dt).state
         if end is None:
             return state
         fits = rate_fit(model)

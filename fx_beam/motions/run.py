@@ -137,10 +137,16 @@ class Run:
         self._next_count = 0
         self._first = float(self.times[1] - self.times[0]) if control is None else control.first
         state = prepared.recorded_state(recorder, self._first, start, control is not None)
-        prepared.loop.record(state, recorder)
+        prepared.stepper.begin(state, recorder)
 
     def take_steps(self, finish: Callable[[], _T]) -> _T:
         """Take all steps; gives what `finish` does. Exceptions have the solution so far."""
+        try:
+            return self._take_steps(finish)
+        finally:
+            del self.recorder.end  # memory that solutions would hold
+
+    def _take_steps(self, finish: Callable[[], _T]) -> _T:
         prepared, recorder, control = self.prepared, self.recorder, self._control
         options, stats = prepared.options, prepared.stats
         self._clock = time.perf_counter()
@@ -148,11 +154,12 @@ class Run:
             advance, span = self._advance(), options.t_end - recorder.end.t
             # Another handler takes 20 us.
             blocks = control is not None or options.until or len(self.times) > self._most_steps()
-            waits, loop = ctrl_c_waits() if blocks else nullcontext(NOTHING), prepared.loop
-            with progress_bar(span, options.progress, **_BAR) as bar, waits as loop.whole:
+            waits = ctrl_c_waits() if blocks else nullcontext(NOTHING)
+            with progress_bar(span, options.progress, **_BAR) as bar, waits as whole:
                 while (t := recorder.end.t) < options.t_end and not stats.until:
-                    self._count_turns()
-                    advance(recorder.end)
+                    with whole:
+                        self._count_turns()
+                        advance()
                     if self._files is not None:
                         self._files.take()
                         self._files.save(self._of_rows)
@@ -165,7 +172,8 @@ class Run:
             stats.seconds = time.perf_counter() - self._clock
             return finish()
         except BaseException as error:
-            stats.steps = recorder.settle_at_end()
+            prepared.stepper.return_to(recorder.end, recorder)
+            stats.steps = recorder.steps_to(recorder.end.t)
             stats.failure = failure_of(error, recorder.end.t)
             attach(error, self._solution)
             if self._knows_places and isinstance(error, StepError):
@@ -176,8 +184,8 @@ class Run:
         """Number of steps that are taken at once."""
         return max(1, min(most, _BLOCK // self.prepared.model.size))
 
-    def _advance(self) -> Callable[[State], None]:
-        """A function that takes the next steps from a state."""
+    def _advance(self) -> Callable[[], None]:
+        """A function that takes the next steps."""
         prepared, recorder, options = self.prepared, self.recorder, self.prepared.options
         if self._control is None:
             take_steps = self._steps_of_grid(1 if options.until else full_turns.STEPS)
@@ -197,32 +205,30 @@ class Run:
         from .ending import Ending
 
         ending, kinks = Ending(prepared, recorder), [*options.breaks, recorder.end.t]
-        return lambda state: ending.advance(take_steps, kinks + self._events)
+        return lambda: ending.advance(take_steps, kinks + self._events)
 
-    def _steps_of_grid(self, most: int) -> Callable[[State], None]:
+    def _steps_of_grid(self, most: int) -> Callable[[], None]:
         """A function that takes the next block of steps of the grid."""
         times, recorder, steps = self.times, self.recorder, self._most_steps(most)
 
-        def advance(state: State) -> None:
+        def advance() -> None:
             first = self.prepared.stats.steps + 1
             left = full_turns.STEPS - (first - 1) % full_turns.STEPS
             ends = times[first : first + min(steps, left)]
             if recorder.grid.planned < first + len(ends):
                 recorder.plan(first, ends, last=first + len(ends) == len(times))
-            self.prepared.stepper.advance(state, ends, first, recorder)
+            self.prepared.stepper.advance(ends, first, recorder)
 
         return advance
 
     def _count_turns(self) -> None:
         """Count full turns, after the same numbers of steps whatever the blocks."""
-        prepared, recorder, steps = self.prepared, self.recorder, self.prepared.stats.steps
+        prepared, steps = self.prepared, self.prepared.stats.steps
         if steps < self._next_count:
             return
         self._next_count = steps - steps % full_turns.STEPS + full_turns.STEPS
-        if not any_of(recorder.end.q):
-            return
-        if (state := prepared.count_turns(recorder.end, recorder)) is not None:
-            recorder.present = state, prepared.turn_counter.removed.copy()
+        if any_of(prepared.loop.state.arrays["q"]):
+            prepared.stepper.count_turns(self.recorder)
 
     # -- The solution -----------------------------------------------------------------------------
 
@@ -256,14 +262,10 @@ class Run:
         prepared.stats.seconds = time.perf_counter() - self._clock
         input_values = values_at(self._scene, options.inputs, self.recorder.end.t)
         times = options.record.times
-        state, removed = self.recorder.present
-        state_in_c, past, parts = prepared.loop.state, None, None
-        if (state_in_c.arrays["q"] == state.q).all():  # no interrupt has come before the end
-            past, parts = state_in_c.past, prepared.stepper.halving.state
+        state, removed = prepared.stepper.state(), prepared.turn_counter.removed
 
         def end() -> State:
-            whole = state.changed(parts=parts, past=past, **input_values)
-            return full_turns.TurnCounter.without(-removed, whole)
+            return full_turns.TurnCounter.without(-removed, state.changed(**input_values))
 
         return solution_of(
             *(self.recorder, prepared.stats, end),

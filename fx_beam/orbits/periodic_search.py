@@ -291,7 +291,7 @@ class _OverFrequency(Shooting):
     def solution(self, period: Period) -> Solution:
         # The numbers of the search go on to other frequencies.
         prepared = prepare(_scene(self._build, period.parameter), self.prepared.options)
-        return self._solution_of(self._recorded(prepared, period))
+        return self._solution_of(*self._recorded(prepared, period))
 
     def _restart(self, parameter: float) -> None:
         """Set the numbers of the scene at a frequency [Hz]."""

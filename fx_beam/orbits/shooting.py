@@ -247,22 +247,20 @@ class Shooting:
     def solution(self, period: Period) -> Solution:
         """The motion over a period with all that is recorded."""
         self.tape.clear()
-        recorder = self._recorded(self.prepared, period)
-        self.tape.last = recorder.end
-        return self._solution_of(recorder)
+        recorder, self.tape.last = self._recorded(self.prepared, period)
+        return self._solution_of(recorder, self.tape.last)
 
-    def _recorded(self, prepared: Prepared, period: Period) -> Recorder:
-        """The record of a motion over a period."""
+    def _recorded(self, prepared: Prepared, period: Period) -> tuple[Recorder, State]:
+        """The record of a motion over a period, and its end."""
         start = period.start.changed(algorithmic=period.end.algorithmic)
         times = _times(start, period.length, self.steps)
         recorder = Recorder(prepared.model, times, Record())
         prepared.loop.record(start, recorder)
-        _advanced(prepared, start, times, recorder)
-        return recorder
+        return recorder, _advanced(prepared, start, times, recorder)
 
-    def _solution_of(self, recorder: Recorder) -> Solution:
+    def _solution_of(self, recorder: Recorder, end: State) -> Solution:
         stats = replace(self.prepared.stats, steps=self.steps)  # without those of the search
-        return solution_of(recorder, stats, lambda: recorder.end)
+        return solution_of(recorder, stats, lambda: end)
 
     def depends_on_time(self, state: State, length: float) -> bool:
         """Whether loads, driven motions, parameters or natural strains change in a period."""
@@ -287,7 +285,8 @@ class Shooting:
 def _advanced(prepared: Prepared, state: State, times: np.ndarray, recorder: Recorder) -> State:
     """The state after steps."""
     prepared.stepper.load(state)
-    return prepared.stepper.advance(state, times[1:], 1, recorder)
+    prepared.stepper.advance(times[1:], 1, recorder)
+    return prepared.loop.state.read()
 
 
 def _times(state: State, length: float, steps: int) -> np.ndarray:

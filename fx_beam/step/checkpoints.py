@@ -18,8 +18,7 @@ class Checkpoint(NamedTuple):
 
     first: int
     steps: TakenSteps
-    #: Time at their start [s], the struct Problem, and the memory of the state and its past.
-    t: float
+    #: The struct Problem, and the memory of the state and its past.
     problem: bytes
     memory: np.ndarray
     #: Work space and factors of earlier steps, if these are used.
@@ -31,7 +30,7 @@ class Checkpoint(NamedTuple):
         """Take the steps again from here, with their `rows` in a C struct Tape."""
         ffi, steps, p = problem.ffi, self.steps, problem.c
         ffi.memmove(p, self.problem, len(self.problem))
-        problem.state.memory[:], problem.state.present = self.memory, None
+        problem.state.memory[:] = self.memory
         for array, values in zip(problem.work, self.work, strict=False):
             array[:] = values
         if (members := problem.model.points.members) is not None:
@@ -45,7 +44,8 @@ class Checkpoint(NamedTuple):
             steps.part,
         )
         record.tape, rows.increments = rows, address_of(ffi, self.increments)
-        problem.library.fx_repeat(p, steps.number, self.t, steps.dt, steps.inputs, record)
+        inputs = steps.inputs.in_c(ffi)
+        problem.library.fx_repeat(p, steps.number, p.work.state.t, steps.dt, inputs, record)
 
 
 def address_of(ffi: Any, increments: np.ndarray | None) -> Any:
@@ -76,7 +76,7 @@ class Checkpoints:
         """
         problem, p = self._problem, self._problem.c
         work = [array.copy() for array in problem.work] if p.work.factors.reused.worth else []
-        snapshot = p.work.state.t, bytes(problem.ffi.buffer(p)), problem.state.memory.copy()
+        snapshot = bytes(problem.ffi.buffer(p)), problem.state.memory.copy()
         increments = self._increments(steps.number * self.parts) if keeps_increments else None
         self._every.append(Checkpoint(first, steps, *snapshot, work, increments))
         return increments

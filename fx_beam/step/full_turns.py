@@ -25,14 +25,14 @@ class TurnCounter:
 
     def __init__(self, model: Model):
         self._members = fact(model, _members)
-        #: Rotations (size,) subtracted so far [rad].
+        #: Rotations (size,) subtracted so far [rad], in an array that does not change.
         self.removed = np.zeros(model.size)
 
-    def turns_of(self, state: State) -> np.ndarray:
-        """Full turns (size,) [rad] of a state, where these have no effect on the equations."""
+    def turns_of(self, q: np.ndarray) -> np.ndarray:
+        """Full turns (size,) [rad] of a configuration, where they do not affect the equations."""
         turns = np.zeros_like(self.removed)
         for member in self._members:
-            mean = float(np.add.reduce(state.q[member])) / len(member)
+            mean = float(np.add.reduce(q[member])) / len(member)
             if number := round(mean / (2 * math.pi)):
                 turns[member] = 2 * math.pi * number
         return turns

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, require, vector
+from fx_beam.errors import SceneError, StepError, require, vector
 from fx_beam.results.state import State
+from fx_beam.scene.functions import Signal
 from fx_beam.scene.inputs import (
     InputSignal,
     check_names,
@@ -23,6 +24,11 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import Watch
 
 from .forcing import Forcing
+from .step_inputs import StepInputs, inputs_of, no_inputs
+from .tables import Problem
+
+# Steps whose functions of time are evaluated at once.
+_BLOCK = 64
 
 
 class HeldInputs:
@@ -101,6 +107,70 @@ class HeldInputs:
     def all(self) -> np.ndarray | None:
         """Values of all inputs in their order; None without any."""
         return np.concatenate(list(self.values.values())) if self.values else None
+
+
+class SingleInputs:
+    """Inputs of single steps, one after the other.
+
+    Functions of time are evaluated for some steps at once, and inputs of a motion for each one.
+    """
+
+    def __init__(self, problem: Problem, forcing: Forcing):
+        self._problem, self._forcing = problem, forcing
+        model, data, none = forcing.model, forcing.model.data, slice(None)
+        ends = np.cumsum(model.scheme.fractions)
+        ends[-1] = 1.0
+        starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level
+        level_and_end = np.column_stack([starts + level * (ends - starts), ends])
+        followers = [load.value for load in model.scene.loads if load.follower]
+        places: list[tuple[Signal, str, Any, np.ndarray]] = []
+        places += [(x, "loads", (none, none, at), ends) for at, x in data.loads.functions]
+        places += [(x, "follower_force", (none, i), ends) for i, x in enumerate(followers)]
+        places += [(x, "driven", (none, i), ends) for i, x in enumerate(forcing.functions)]
+        for i, x in enumerate(model.forms.parameters.functions):
+            places.append((x, "parameters", (none, none, i), level_and_end))
+        places += [(x, "natural", (none, at.start), ends) for at, x in data.natural.functions]
+        #: Inputs of a motion, their arrays and places in these, and the parts of the step that have
+        #: passed there.
+        self._live = [(x, *others) for x, *others in places if isinstance(x, InputSignal)]
+        #: Whether other functions change in time.
+        self._varies = any(not (x.is_constant or isinstance(x, InputSignal)) for x, *_ in places)
+        #: Number, start and end [s] of the next step.
+        self._next = 0, math.nan, math.nan
+
+    def begin(self, grid: Callable[..., Any]) -> None:
+        """Begin with step 1 of a grid, which has the ends of steps by their numbers."""
+        self._grid = grid
+        # Inputs of some steps, and the number of the first one.
+        self._known = no_inputs(1), 0
+
+    def next(self, number: int, t0: float, t1: float) -> None:
+        """Have a step of the grid from t0 to t1 [s] as the next one."""
+        self._next = number, t0, t1
+
+    def ahead(self, t: float, times: np.ndarray) -> StepInputs:
+        """Inputs of the next step, as they are now, or of its parts."""
+        number, t0, t1 = self._next
+        if t != t0 or times[0] != t1:
+            return inputs_of(self._problem, self._forcing, t, times)
+        known, first = self._known
+        step = number - first if self._varies else 0
+        if step >= known.steps:
+            ends = self._grid(number + np.arange(_BLOCK if self._varies else 1))
+            known, step = inputs_of(self._problem, self._forcing, t, ends), 0
+            if known.error is not None and not isinstance(known.error, StepError):
+                raise known.error
+            if not known.steps:
+                return known
+            self._known = known, number
+        inputs = known.of_step(step) if self._varies else known
+        for signal, name, at, passed in self._live:
+            rows = getattr(inputs, name)
+            if signal.ramps:
+                rows[at] = signal.start + (signal.end - signal.start) * passed
+            else:
+                rows[at] = signal.end
+        return inputs
 
 
 def _fits(value, width: int | None) -> bool:

@@ -151,7 +151,7 @@ class LoadLoop(CompiledLoop):
         return self._interval
 
     def _taken(self, state: State, interval: Interval) -> State:
-        new = self.state.read(interval.end)
+        new = self.state.read().changed(t=interval.end)
         if (frame := self.forcing.turning) is not None:
             pushes = (end.t * frame.force(end.q) for end in (state, new))
             new.work += float(sum(pushes) / 2 @ self._results[0])

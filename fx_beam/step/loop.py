@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import weakref
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,10 +14,9 @@ from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 
 from .forcing import Forcing
-from .interrupts import NOTHING
 from .inverted_sections import count_inverted, least_energy
 from .newton import NewtonOptions
-from .recorder import NullRecorder, Recorder, RecordsInC, Rows
+from .recorder import NullRecorder, Recorder, RecordInC, Rows
 from .step_failures import StepFailed, StepFailures
 from .step_inputs import StepInputs, TakenSteps, inputs_of
 from .tables import Problem, problem_of
@@ -43,8 +42,8 @@ class CompiledLoop:
         kind = ProblemKind(options, forcing.turning is not None)
         self.problem = problem = problem_of(self.model, kind)
         self.state = problem.state
-        #: Records of C.
-        self.records = RecordsInC(problem)
+        #: The record of C.
+        self._record = RecordInC(problem)
         #: Where sub-steps are taped, but for those of trials; None for nowhere.
         self.tape: Tape | None = None
         self._begin(forcing, stats)
@@ -56,8 +55,9 @@ class CompiledLoop:
 
     def _begin(self, forcing: Forcing, stats: Stats) -> None:
         self.forcing, self.stats = forcing, stats
-        #: A block for what C does and what Python counts of it, which Ctrl-C does not divide.
-        self.whole: AbstractContextManager[None] = NOTHING
+        #: Inputs of steps from a time to other times [s] that are taken next.
+        self.inputs_ahead: Callable[[float, np.ndarray], StepInputs]
+        self.inputs_ahead = functools.partial(inputs_of, self.problem, forcing)
         self.problem.c.work.inverted.least_energy = least_energy(self.model)
         stats.solver = stats.solver or f"compiled, {self.problem.storage.factors}"
 
@@ -66,41 +66,40 @@ class CompiledLoop:
         """Why steps fail."""
         return StepFailures(self.model, self.problem.kind.newton, self.stats)
 
-    def take(
-        self, state: State, steps: Steps, recorder: Rows, completed: Callable[[int], int] = int
-    ) -> StepsResult:
-        """Take steps or parts of equal length, as long as they succeed and this length is right.
+    def take(self, steps: Steps, recorder: Rows) -> int:
+        """Take steps or parts of equal length from the state in C; number of those that succeed.
 
-        `completed` counts the parts that were taken, and gives the number of whole steps.
+        Where their length is controlled, as long as it is right.
         """
-        p, ends, inputs = self.problem.c, steps.ends, steps.inputs
-        number = inputs.steps
-        with self.whole:
-            self.state.load(state)
-            record = self.records.next(recorder, len(ends), steps.first, steps.parts, steps.done)
-            tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
-            if tape is not None:
-                count = self._run_taped(tape, steps, state.t, record)
-            else:
-                c_inputs, limits = inputs.in_c(self.problem.ffi), steps.limits(self.problem)
-                count = self._steps(number, state.t, steps.dt, c_inputs, record, limits)
-            recorder.rows, recorder.starts.count = record.rows, record.starts
-            self.count()
-            if count:
-                state = self.state.present = self.state.read(float(ends[count - 1]))
-                self.stats.steps += completed(count)
-                recorder.end = state
-        C, failure, last_ratio, ratio = self.problem.library, p.work.run.failure, None, None
+        p, inputs, problem = self.problem.c, steps.inputs, self.problem
+        number, t = inputs.steps, p.work.state.t
+        record = self._record.next(recorder, number, steps.first, steps.parts, steps.done)
+        tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
+        if tape is None:
+            limits = steps.limits(problem)
+            count = self._steps(number, t, steps.dt, inputs.in_c(problem.ffi), record, limits)
+        else:
+            count = self._run_taped(tape, steps, t, record)
+        recorder.rows, recorder.starts.count = record.rows, record.starts
+        if count:
+            p.work.state.t = float(steps.ends[count - 1])  # without the rounding of sums
+        if count < number:
+            self.stats.unconverged += p.work.run.failure == problem.library.NO_CONVERGENCE
+        self.count()
+        return count
+
+    def result(self, steps: Steps, count: int) -> StepsResult:
+        """Outcome of steps that were taken last, of which so many succeeded."""
+        p, C, last_ratio, ratio = self.problem.c, self.problem.library, None, None
+        failure = p.work.run.failure
         switched = steps.watch and failure == C.SWITCHED
-        self.stats.unconverged += failure == C.NO_CONVERGENCE
         if steps.control is not None and failure in (C.OK, C.TOO_INACCURATE):
             last_ratio, ratio = (known if known >= 0 else None for known in p.work.control.ratios)
         return StepsResult(
-            *(state, count, last_ratio if count > 1 else None, ratio),
+            *(count, last_ratio if count > 1 else None, ratio),
             failed=failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
             switched=switched,
             switches=self.problem.sides[1].copy() if steps.watch and (count or switched) else None,
-            error=inputs.error if count == number else None,
         )
 
     def record(self, state: State, recorder: Recorder) -> None:
@@ -108,26 +107,21 @@ class CompiledLoop:
         self.model.forms.parameters.use(state.parameters)
         self.state.load(state)
         recorder.begin(state)
-        record = self.records.next(recorder, 0, first=0)
+        record = self._record.next(recorder, 0, first=0)
         problem, none = self.problem, self.problem.ffi.NULL
         problem.library.fx_run(problem.c, 0, state.t, 0.0, none, none, record)
         recorder.rows, recorder.starts.count = record.rows, record.starts
-        self.state.present = state
 
     def _steps(
         self, number: int, t: float, dt: float, c_inputs: Any, record: Any, limits: Any = None
     ) -> int:
         """Number of steps that C takes from t [s]."""
-        limits, self.state.present = limits or self.problem.ffi.NULL, None
-        count = self.problem.library.fx_run(self.problem.c, number, t, dt, c_inputs, limits, record)
-        self.check()
-        return count
-
-    def check(self) -> None:
-        """Raise the error of a function that C calls in the last step."""
+        problem, limits = self.problem, limits or self.problem.ffi.NULL
+        count = problem.library.fx_run(problem.c, number, t, dt, c_inputs, limits, record)
         error, self._error = self._error, None
         if error is not None:
-            raise error
+            raise error  # of a function that C calls in the last step
+        return count
 
     def interval(self, dt: float) -> Interval:
         """Interval of the sub-step of this length [s] that C takes."""
@@ -157,12 +151,10 @@ class CompiledLoop:
             count -= (
                 (record.part + count) % record.parts if count > record.parts else 0
             )  # whole steps
-            c_inputs = rest.in_c(self.problem.ffi)
-            taken = TakenSteps(
-                count, steps.dt, record.parts, record.part, c_inputs, rest, times[total:]
-            )
+            taken = TakenSteps(count, steps.dt, record.parts, record.part, rest, times[total:])
             record.tape = tape.begin(taken)
             now, limits = self.problem.c.work.state.t, steps.limits(self.problem)
+            c_inputs = rest.in_c(self.problem.ffi)
             done = self._steps(count, now, steps.dt, c_inputs, record, limits)
             tape.end(done)
             total, record.part = total + done, record.part + done
@@ -170,18 +162,17 @@ class CompiledLoop:
                 break
         return total
 
-    def failure(self, state: State, t1: float) -> StepFailed:
-        """Why a step to t1 [s] fails, without a prediction."""
-        inputs = self.inputs_ahead(state.t, np.array([t1]))
+    def failure(self, start: State, t1: float) -> StepFailed:
+        """Why a step from the state in C to t1 [s] fails, without a prediction."""
+        inputs = self.inputs_ahead(start.t, np.array([t1]))
         if inputs.error is not None:
             raise inputs.error
         with self.state.unchanged():
             self.state.past = None
-            self.state.load(state)
-            record = self.records.next(NullRecorder(), 1)
+            record = self._record.next(NullRecorder(), 1)
             c_inputs = inputs.in_c(self.problem.ffi)
-            if not self._steps(1, state.t, t1 - state.t, c_inputs, record):
-                return self.failures.in_c(self.problem, state)
+            if not self._steps(1, start.t, t1 - start.t, c_inputs, record):
+                return self.failures.in_c(self.problem, start)
         return StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
 
     def count(self) -> None:
@@ -203,10 +194,6 @@ class CompiledLoop:
             stats.rounding += counts.left / min(max(counts.moved, _SLIGHT), 1.0)
             if not stats.rounding_in:
                 stats.rounding_in = self.model.mesh.place_of(counts.left_at // 3, self.model.scene)
-
-    def inputs_ahead(self, t: float, times: np.ndarray) -> StepInputs:
-        """Inputs of steps from t to `times` [s] that are taken next."""
-        return inputs_of(self.problem, self.forcing, t, times)
 
 
 class Steps(NamedTuple):
@@ -237,8 +224,7 @@ class Steps(NamedTuple):
 class StepsResult(NamedTuple):
     """Outcome of steps of equal length."""
 
-    #: State at the end of the steps that succeeded, and their number.
-    state: State
+    #: Number of the steps that succeeded.
     taken: int
     #: Ratios of error and limit in the last step but one and in the last one, if they are known.
     last_ratio: float | None = None
@@ -249,5 +235,3 @@ class StepsResult(NamedTuple):
     #: are watched.
     switched: bool = False
     switches: np.ndarray | None = None
-    #: Error of a function of time in the step after them.
-    error: BaseException | None = None

@@ -8,21 +8,24 @@ import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError, check_fields, flag, real_array, require, whole
+from fx_beam.errors import SceneError, any_of, check_fields, flag, real_array, require, whole
 from fx_beam.results.state import ROWS, State
 
 from .model import Model, fact, widths_of
 
 if TYPE_CHECKING:
+    from .state_vector import StateCopy
     from .tables import Problem
     from .tape import Tape
 
 # What may be recorded.
 _KINDS = "motion", "rates", "forces"
+# More steps than a motion has.
+_MANY = np.iinfo(np.int32).max
 
 
 def grown(array: np.ndarray, rows: int, used: int) -> np.ndarray:
@@ -128,12 +131,12 @@ class Record:
 class StepGrid:
     """Times at the ends of steps, and which of them have a row: every so many, and the last one."""
 
-    def __init__(self, every: int):
+    def __init__(self, every: int, planned: int = 0):
         self.every, self.last = every, -1
         #: Times at the ends of all steps, and numbers of the steps that have a row.
         self.times, self.steps = np.empty(0), np.empty(0, dtype=int)
         #: Number of steps, and the start, that have a plan.
-        self.planned = 0
+        self.planned = planned
 
     def plan(self, first: int, ends: np.ndarray, last: bool, rows: int) -> int:
         """Plan steps as `Recorder.plan` behind some rows; number of rows that they add."""
@@ -167,12 +170,24 @@ class SubStepStarts:
             self.arrays[name] = grown(array, room, self.count)
 
 
+class Mark(NamedTuple):
+    """The end of a step, to which a run can return: copies, which no further step changes."""
+
+    #: Time [s], the state in C, and the control of halving.
+    t: float
+    state: StateCopy
+    halving: dict[str, Any]
+    #: Number of rows, and full turns (size,) that are missing in the state [rad].
+    rows: int
+    turns: np.ndarray
+
+
 class NullRecorder:
     """In place of a `Recorder`, for trial steps."""
 
     #: The tape of a trial step, if it has one.
     tape: Tape | None = None
-    grid = StepGrid(np.iinfo(np.int32).max)
+    grid = StepGrid(every=_MANY, planned=_MANY)
     rows = plans = 0
     end: Any = None
     #: No arrays.
@@ -198,8 +213,8 @@ class Recorder:
         self.grid = StepGrid(record.every)
         #: How often the arrays were replaced.
         self.plans = 0
-        #: The last state, and full turns (size,) that are missing in it [rad].
-        self.present: tuple[State, Any]
+        #: The end of the last steps of a run.
+        self.end: Mark
         #: The first state.
         self.first: State
         self.starts = SubStepStarts(_starts(model, record.motion, record.rates))
@@ -225,15 +240,6 @@ class Recorder:
         self.late_accelerations: Callable[[], np.ndarray] | None = None
         #: Full turns (size,) [rad] that are missing in the rows from a number on.
         self.turns: dict[int, np.ndarray] = {}
-
-    @property
-    def end(self) -> State:
-        """The last state, which a single assignment makes the end of steps."""
-        return self.present[0]
-
-    @end.setter
-    def end(self, state: State) -> None:
-        self.present = state, self.present[1]
 
     @property
     def t(self) -> np.ndarray:
@@ -267,11 +273,9 @@ class Recorder:
         self.rows = rows
         self.starts.count = self.starts.before_row(rows)
 
-    def settle_at_end(self) -> int:
-        """Have the rows up to the last state, wherever an exception came; number of its steps."""
-        self.truncate(int(np.searchsorted(self.t, self.end.t, side="right")))
-        times = self.grid.times[: self.grid.planned]
-        return int(np.searchsorted(times, self.end.t, side="right")) - 1
+    def steps_to(self, t: float) -> int:
+        """Number of steps that end up to a time [s]."""
+        return int(np.searchsorted(self.grid.times[: self.grid.planned], t, side="right")) - 1
 
     def forget(self) -> None:
         """Have the last two rows only, on which the next ones depend."""
@@ -284,12 +288,14 @@ class Recorder:
         grid.steps = np.roll(grid.steps, -gone)
         rest = {"arrays": arrays, "grid": grid, "turns": turns}
         rest |= {"rows": self.rows - gone, "starts": starts, "late_accelerations": late}
+        rest["end"] = self.end._replace(rows=self.end.rows - gone)
         # At once, as an interrupt may come before or after it.
         vars(self).update(rest, plans=self.plans + 1, gone=self.gone + gone)
 
     def miss(self, turns: np.ndarray) -> None:
         """Note that full turns (size,) [rad] are missing in the rows from here on."""
-        self.turns[self.rows] = turns.copy()
+        if self.turns or any_of(turns):
+            self.turns[self.rows] = turns
 
     def stores_starts(self, parts: int) -> bool:
         """Whether starts of a step in parts are stored: the last one is not the previous row."""
@@ -297,8 +303,7 @@ class Recorder:
         return parted or parts > 1 or self.grid.every > 1
 
     def begin(self, state: State) -> None:
-        """Have a last state, which is also the first one if there is no row yet."""
-        self.present = state, 0.0
+        """Have a state of the next row, which is the first one if there is no row yet."""
         if not self.rows:
             self.first = state
 
@@ -307,14 +312,14 @@ class Recorder:
 Rows = Recorder | NullRecorder
 
 
-class RecordsInC:
-    """The structs ``Record`` of recorders, to which C writes rows of its state."""
+class RecordInC:
+    """The struct ``Record`` of the last recorder, to which C writes rows of its state."""
 
     def __init__(self, problem: Problem):
         self._ffi, self._state = problem.ffi, problem.c.work.state
         self._sub_steps = problem.c.tables.scheme.sub_steps
-        #: By recorders, each with the recorder's plan and its arrays of rows.
-        self._records: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
+        #: The recorder, its plan, the record, and what this points to.
+        self._last: tuple[Callable[[], Rows | None], int, Any, Any] = lambda: None, -1, None, None
 
     def next(self, recorder: Rows, number: int, first: int = 1, parts: int = 1, done: int = 0):
         """Rows of a recorder, from its next one on, for a number of steps or parts.
@@ -324,8 +329,8 @@ class RecordsInC:
         stores = recorder.stores_starts(parts)
         if stores:
             recorder.make_room(number * self._sub_steps)
-        plan, record, _ = self._records.get(recorder, (-1, None, None))
-        if plan != recorder.plans:
+        last, plan, record, _ = self._last
+        if last() is not recorder or plan != recorder.plans:
             record = self._made(recorder)
         record.first, record.last, record.parts, record.part = (
             first,
@@ -342,7 +347,7 @@ class RecordsInC:
         return record
 
     def _made(self, recorder: Rows):
-        """Rows of a recorder with its present arrays."""
+        """The record of a recorder with its present arrays."""
         record = self._ffi.new("Record *")
         rows, starts = recorder.arrays, dict(recorder.starts.arrays)
         record.every, record.forces = recorder.grid.every, "constraint_forces" in rows
@@ -353,7 +358,7 @@ class RecordsInC:
         histories, stored = self._rows(rows), self._rows(starts)
         record.histories, record.history = len(histories), histories
         record.stored, record.start = len(stored), stored
-        self._records[recorder] = recorder.plans, record, (histories, stored)
+        self._last = weakref.ref(recorder), recorder.plans, record, (histories, stored)
         return record
 
     def _rows(self, arrays: dict[str, np.ndarray]):

@@ -62,8 +62,6 @@ class StateVector:
             [*names_at_start, *FORCES],
         )
         state_arrays = {name: arrays[name] for name in sizes}
-        #: The state that is in the memory; None where steps, or others, have changed it since.
-        self.present: State | None = None
         #: Members of ``Work`` of c/work.h.
         self.members: dict[str, dict[str, object]] = {
             "state": {"memory": self.memory, "size": len(self.memory), **state_arrays},
@@ -75,7 +73,7 @@ class StateVector:
         self, model: Model, c: Any, ffi: Any, memory: np.ndarray
     ) -> dict[str, np.ndarray]:
         """Have the state in a piece of memory; its arrays by name, as vectors."""
-        self._model, self._c, self.memory, self.present = model, c, memory, None
+        self._model, self._c, self.memory = model, c, memory
         arrays = {name: memory[place] for name, place in self.places.items()}
         #: Arrays of the state, and positions (driven,) of driven motions.
         self.arrays = {
@@ -100,10 +98,7 @@ class StateVector:
         return other
 
     def load(self, state: State) -> None:
-        """Write a state into the memory, if it is not there."""
-        is_there, self.present = state is self.present, None
-        if is_there:
-            return
+        """Write a state into the memory."""
         p, values = self._c, vars(state)
         arrays = [
             zeros if (array := values[name]) is None else array
@@ -119,14 +114,19 @@ class StateVector:
         for name in NUMBERS:
             setattr(p.work.state, name, values[name])
 
-    def read(self, t: float) -> State:
-        """A copy of the state, at the time t [s]."""
+    @property
+    def t(self) -> float:
+        """Time [s]."""
+        return self._c.work.state.t
+
+    def read(self) -> State:
+        """A copy of the state, without its past."""
         numbers = self._c.work.state
         names = self._readable[(numbers.steps_done > 0) * (1 + bool(numbers.forces_found))]
         values: dict[str, object] = {name: self.arrays[name].copy() for name in names}
         for name in NUMBERS:
             values[name] = getattr(numbers, name)
-        values["t"], values["motors"] = t, self._driven[len(self._model.prescribed) :].copy()
+        values["motors"] = self._driven[len(self._model.prescribed) :].copy()
         return _NOTHING.changed(**values)
 
     @property
@@ -161,8 +161,10 @@ class StateVector:
 
     def copy(self) -> StateCopy:
         """A copy of all, for `restore`."""
-        # Local errors, behind all else, are not known where steps are not controlled.
-        stop = None if self._c.work.control.known else self.places["error_ages"].start
+        # Behind all else there are the past and local errors, as far as these are known.
+        stop = None
+        if not self._c.work.control.known:
+            stop = self.places["error_ages" if self._c.work.predictor.known else "ages"].start
         return self.memory[:stop].copy(), bytes(self._numbers)
 
     @contextmanager
@@ -181,4 +183,3 @@ class StateVector:
     def restore(self, copy: StateCopy) -> None:
         """Have all again as it was copied."""
         self.memory[: len(copy[0])], self._numbers[:] = copy
-        self.present = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,9 +16,11 @@ from .tables import Problem
 
 # Inputs of which a single row may stand for all sub-steps.
 _REPEATED = "loads", "follower_force", "natural"
+_ARRAYS = "loads", "driven", "follower_force", "parameters", "natural"
 
 
-class StepInputs(NamedTuple):
+@dataclass(eq=False)
+class StepInputs:
     """Loads, driven motions and the like of sub-steps, and what ended them."""
 
     loads: np.ndarray
@@ -32,6 +35,7 @@ class StepInputs(NamedTuple):
     error: BaseException | None = None
     #: In statics the load factor at the end.
     ratio: float = 0.0
+    _c: Any = field(default=None, init=False)
 
     @property
     def steps(self) -> int:
@@ -40,18 +44,26 @@ class StepInputs(NamedTuple):
 
     def arrays(self) -> dict[str, Any]:
         """All rows by name."""
-        return dict(zip(self._fields, self[:5], strict=False))
+        return {name: getattr(self, name) for name in _ARRAYS}
 
     def after(self, steps: int) -> StepInputs:
         """The inputs of the steps after some."""
         first = steps * self.parts
-        return self._replace(**{name: rows[first:] for name, rows in self.arrays().items()})
+        return replace(self, **{name: rows[first:] for name, rows in self.arrays().items()})
+
+    def of_step(self, step: int) -> StepInputs:
+        """The inputs of a single step, from 0 on."""
+        rows = slice(step * self.parts, (step + 1) * self.parts)
+        arrays = {name: array[rows] for name, array in self.arrays().items()}
+        return StepInputs(parts=self.parts, **arrays)
 
     def in_c(self, ffi: Any) -> Any:
-        """The struct ``Inputs``, which reads these arrays as long as they are kept."""
-        inputs = ffi.new("Inputs *")
+        """The struct ``Inputs``, which reads the arrays as long as they are kept."""
+        if self._c is not None:
+            return self._c
+        self._c = inputs = ffi.new("Inputs *")
         inputs.ratio = self.ratio
-        for name, rows in zip(self._fields, self[:5], strict=False):
+        for name, rows in self.arrays().items():
             if rows.size:
                 # The first row is contiguous, also where it stands for all.
                 setattr(inputs, name, ffi.from_buffer("double[]", rows[:1]))
@@ -68,9 +80,7 @@ class TakenSteps(NamedTuple):
     #: Parts of a halved step, and those of the first step that were taken before.
     parts: int
     part: int
-    #: The C struct Inputs, and what it points to.
-    inputs: Any
-    arrays: Any
+    inputs: StepInputs
     #: Starts of the steps or parts, and the end of the last [s], as in their inputs.
     times: np.ndarray
 
@@ -96,8 +106,7 @@ def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -
         """Rows of all sub-steps; a single row is repeated without copies."""
         values = series(*(end[: 1 if constant else None] for end in ends))
         values = np.ascontiguousarray(floats(values))
-        shape = len(t1), *values.shape[1:]
-        return np.broadcast_to(values, shape) if values.size else np.empty(shape)
+        return np.broadcast_to(values, (len(t1), *values.shape[1:])) if constant else values
 
     try:
         arrays: dict[str, Any] = {}
@@ -110,11 +119,11 @@ def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -
             arrays["parameters"] = floats(parameters.signals.over_steps(t0, t1, level))
         if strains:
             arrays["natural"] = rows(forcing.naturals, strains.constant, t1)
-        return inputs._replace(driven=floats(forcing.series(t1)), **arrays)
+        return replace(inputs, driven=floats(forcing.series(t1)), **arrays)
     except BaseException as raised:
         steps_before = int(np.searchsorted(times, getattr(raised, "time", t)))
         if steps_before:
             inputs = inputs_of(problem, forcing, t, times[:steps_before])
         else:
             inputs = no_inputs(p.scheme.sub_steps)
-        return inputs._replace(error=inputs.error or raised)
+        return replace(inputs, error=inputs.error or raised)

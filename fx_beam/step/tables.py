@@ -232,7 +232,6 @@ class Problem:
         if changing := self.c.work.factors.changing:
             self.library.fx_free_rows(changing)
         self.block.reset()
-        self.state.present = None
         self._write()
 
     def _write(self) -> None:

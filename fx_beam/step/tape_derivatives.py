@@ -295,7 +295,6 @@ class TapeDerivatives:
         structs = Structs(self.problem.ffi)
         structs.set(self.c, states=states, forces=forces)
         library, (first, end), backwards = self.problem.derivatives(way), tape.present, way == "VJP"
-        self.problem.state.present = None  # C reads states of the tape where steps have theirs
         left = (library.fx_vjp if backwards else library.fx_jvp)(self.problem.c, tape.c, self.c)
         _check_followed(left, tape, first + left - 1 if backwards else end - left)
 

@@ -71,3 +71,11 @@ def test_full_turns_are_taken_out_after_the_same_steps():
     assert np.array_equal(run.q, until.q)
     assert np.array_equal(run.q, stepped.solution().q)
     assert stepped.stats.steps == stepped.stats.substeps == 1400
+
+
+def test_steps_of_a_motion_are_those_of_a_run(motion):
+    newton, record = fb.NewtonOptions(max_turn=0.45), fb.Record()
+    steps = fb.Motion(mechanism(), dt=DT, newton=newton, record=record)
+    steps.run(STEPS * DT)
+    assert steps.stats.halvings == motion.stats.halvings
+    assert same(steps.solution().q, motion)
