@@ -93,10 +93,7 @@ class Analysis:
         self, scene: Scene, outputs: Mapping[str, Any], known: Mapping[str, Any]
     ) -> dict[str, Any]:
         """Numbers of a scene that its outputs read; those `known` are of the last scene."""
-        measured = self.measured_by_name
-        if outputs is not known:
-            measured = {name: Measured(outputs[name]) for name in measured}
-        numbers = numbers_of_outputs(measured, known)
+        numbers = numbers_of_outputs(outputs, known)
         if any(map(is_section_force, known.values())):
             model, tape, _ = self.followed("derivatives")
             scene = with_functions(scene, self.inputs, "Response: inputs")

@@ -10,9 +10,9 @@ import numpy as np
 from fx_beam.dual import MaybeDual, dual_array
 from fx_beam.motions.numbers import OF_OUTPUT
 from fx_beam.results.state import HISTORIES
-from fx_beam.scene.beam import BeamPlace
-from fx_beam.scene.measured import Measured
-from fx_beam.scene.outputs import is_section_force
+from fx_beam.scene.beam import BeamPlace, Node
+from fx_beam.scene.measured import Measured, numbers_of
+from fx_beam.scene.outputs import Output, is_section_force
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.sub_step_times import Steps
@@ -27,17 +27,20 @@ def numbers_of_output(name: str) -> str:
 
 
 def numbers_of_outputs(
-    outputs: Mapping[str, Measured], known: Mapping[str, Any]
+    outputs: Mapping[str, Any], known: Mapping[str, object]
 ) -> dict[str, MaybeDual]:
     """Numbers of outputs, at places in the elements of those that are known."""
     numbers = dict[str, MaybeDual]()
-    for name, measured in outputs.items():
-        values, place = measured.numbers, measured.place
-        if isinstance(place, BeamPlace):
-            element, _ = known[name].of.element
+    for name, output in known.items():
+        if not isinstance(output, Output) or isinstance(output.of, Node):
+            continue  # it has none
+        if isinstance(output.of, BeamPlace):
+            place, (element, _) = outputs[name].of, output.of.element
             start, end = place.beam.s[element : element + 2]
             part, length = (place.s - start) / (end - start), end - start
-            values = dual_array([part, length] if is_section_force(known[name]) else [part])
+            values = dual_array([part, length] if is_section_force(output) else [part])
+        else:
+            values = numbers_of(outputs[name])
         if values.size:
             numbers[numbers_of_output(name)] = values
     return numbers

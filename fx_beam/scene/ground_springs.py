@@ -58,6 +58,11 @@ class GroundSpring(ForceBetween):
         """Whether it holds the nodes of a beam."""
         return isinstance(self.target, Beam)
 
+    @property
+    def geometry(self) -> list[float]:
+        """Its direction; nothing for a rotation."""
+        return [] if self.direction is None else [*self.direction]
+
     def __str__(self):
         number = "" if self.number < 0 else f"force {self.number}, "
         way = "against rotation"

@@ -54,7 +54,6 @@ class Definition(NamedTuple):
 
     needs: tuple[Need, ...]
     function: Function
-    numbers: MaybeDual = np.empty(0)
     #: Whether it is linear in the state, for the same numbers.
     is_linear: bool = True
 
@@ -83,8 +82,8 @@ class Measured:
         #: Of a line what only its laws have: "pull" or "energy"; else empty.
         self.law_quantity = BY_LAW.get(quantity.of, "")
         definition = _definition(self.name, quantity, place, columns, nodes_of or numbers_along)
-        self.needs, self._function, self.numbers, self.is_linear = definition
-        self._floats = floats(self.numbers)
+        self.needs, self._function, self.is_linear = definition
+        self._floats = floats(numbers_of(output))
         #: Of the rate of a node that slides on a beam, the joint, in whose fit of rates it is.
         self.sliding: Joint | None = None
         if isinstance(place, SlidingJoint) and quantity.is_rate:
@@ -134,6 +133,19 @@ class Measured:
             units = [*zeros[:i], np.eye(len(entries)), *zeros[i + 1 :]]
             slopes.append(Slope(array, entries, self._function(self._floats, *units).T[None]))
         return slopes
+
+
+def numbers_of(output: Output) -> MaybeDual:
+    """Numbers (k,) of the scene of which an output is a function, with slopes that they have."""
+    place: Any = output.of
+    quantity = quantity_of(output)
+    if isinstance(place, BeamPlace):
+        return dual_array([place.element[1]])
+    if quantity.of in ("q", "v") and isinstance(place, ForceBetween):
+        return dual_array(place.geometry)
+    if quantity.is_rate and place.axis is not None:
+        return dual_array([*place.offset, *place.axis])
+    return np.empty(0)
 
 
 def _definition(
@@ -191,7 +203,7 @@ def _of_place(quantity, place: BeamPlace, columns: np.ndarray, nodes_of: NodesOf
             total = total + share * u[..., i * count : (i + 1) * count]
         return total
 
-    return Definition(tuple(needs), function, dual_array([place.element[1]]))
+    return Definition(tuple(needs), function)
 
 
 class _Moving:
@@ -225,7 +237,7 @@ def _of_joint(array: str, joint: Joint, columns: np.ndarray) -> Definition:
     )
 
 
-def _rate_of_slide(joint: Any) -> Definition:
+def _rate_of_slide(joint: Joint) -> Definition:
     """By offset and axis, the slide, rotation and spin of a, and the velocities of both."""
     a, b = joint.a.number, joint.b.number
     nodes = _Moving((a, b))
@@ -237,7 +249,7 @@ def _rate_of_slide(joint: Any) -> Definition:
         return axial_rate(joint.track, *places, *turning, *moving)[..., None]
 
     needs = Need("slides", np.array([joint.number])), nodes.need("q"), nodes.need("v")
-    return Definition(needs, function, dual_array([*joint.offset, *joint.axis]), False)
+    return Definition(needs, function, is_linear=False)
 
 
 def _of_slider(name: str, joint: SlidingJoint, nodes_of: NodesOf) -> Definition:
@@ -286,13 +298,13 @@ def _of_line(name: str, line: Any) -> Definition:
 
     functions: dict[str, Function] = {"rate": rate, "length": length, "wrap": wrap}
     needs = tuple(map(nodes.need, "qv" if name == "rate" else "q"))
-    return Definition(needs, functions[name], dual_array(line.geometry), False)
+    return Definition(needs, functions[name], is_linear=False)
 
 
 def wraps(line: Any, read: Read) -> np.ndarray:
     """Angles (..., points) over which a rope lies on its pulleys [rad]."""
-    needs, function, numbers, _ = _of_line("wrap", line)
-    return function(floats(numbers), *(read(*need) for need in needs))
+    needs, function, _ = _of_line("wrap", line)
+    return function(floats(dual_array(line.geometry)), *(read(*need) for need in needs))
 
 
 def _along(array: str, line: Any) -> Definition:
@@ -305,4 +317,4 @@ def _along(array: str, line: Any) -> Definition:
     def function(way, u):
         return (way[0] * u[..., 0] + way[1] * u[..., 1])[..., None]
 
-    return Definition(needs, function, dual_array(line.direction))
+    return Definition(needs, function)
