@@ -90,7 +90,7 @@ class Snapshot:
 
 
 class _Present(NamedTuple):
-    """The end of a step of a motion: what no further step changes."""
+    """The end of a step of a motion; no further step changes it."""
 
     #: Times of the ends of steps since the motion began or was restored, and their rows.
     grid: Grid

@@ -67,9 +67,9 @@ class CompiledLoop:
         return StepFailures(self.model, self.problem.kind.newton, self.stats)
 
     def take(self, steps: Steps, recorder: Rows) -> int:
-        """Take steps or parts of equal length from the state in C; number of those that succeed.
+        """Take steps or parts of equal length from the state in C; number of successful ones.
 
-        Where their length is controlled, as long as it is right.
+        If their length is controlled, the last one is the first whose error asks for another.
         """
         p, inputs, problem = self.problem.c, steps.inputs, self.problem
         number, t = inputs.steps, p.work.state.t
@@ -89,7 +89,7 @@ class CompiledLoop:
         return count
 
     def result(self, steps: Steps, count: int) -> StepsResult:
-        """Outcome of steps that were taken last, of which so many succeeded."""
+        """Outcome of the steps that were taken last, of which a number succeeded."""
         p, C, last_ratio, ratio = self.problem.c, self.problem.library, None, None
         failure = p.work.run.failure
         switched = steps.watch and failure == C.SWITCHED

@@ -171,9 +171,9 @@ class SubStepStarts:
 
 
 class Mark(NamedTuple):
-    """The end of a step, to which a run can return: copies, which no further step changes."""
+    """The end of a step, to which a run can return; no further step changes it."""
 
-    #: Time [s], the state in C, and the control of halving.
+    #: Time [s], and copies of the state in C and of the control of halving.
     t: float
     state: StateCopy
     halving: dict[str, Any]
