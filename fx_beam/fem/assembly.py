@@ -11,6 +11,7 @@ import numpy as np
 
 from fx_beam import c_library
 from fx_beam.laws.interval import StepBatch
+from fx_beam.shallow_copy import shallow_copy
 
 from .form_library import CompiledForm
 
@@ -77,6 +78,14 @@ class Term:
         # Fields of `StepBatch` that set coefficients and constants.
         self._field_numbers = [moving.index(f) + 2 if f in moving else None for f in self.fields]
         self._constant_numbers = [_OF_STEPS[name] for name in self.constants]
+
+    def on(self, mesh: Any, data: Mapping[str, Any]) -> Term:
+        """The form on the mesh of another scene of this structure, which reads other data."""
+        other = shallow_copy(self)
+        other._mesh, other.fields = mesh, [data[name] for name in self.compiled.coefficients]
+        other.constants = {name: data[name] for name in self.constants}
+        other.field_starts = dict(zip(other.fields, self.field_starts.values(), strict=True))
+        return other
 
     def indices_in(self, other: Term) -> tuple[list[int], list[int]]:
         """Indices of this form's coefficients and constants in the arrays of another form."""

@@ -57,8 +57,10 @@ class BeamForms:
     them, as in an instant.
     """
 
-    # Data of the program, with the mesh and the parameters of this run.
-    _pattern: tuple[BeamData, Mesh, ParameterValues]
+    # The forms of the program; mesh and parameters of this run, and its numbers.
+    _pattern: BeamForms | None = None
+    _run: tuple[Mesh, ParameterValues]
+    _numbers: Mapping[str, MaybeDual]
 
     def __init__(
         self,
@@ -109,7 +111,7 @@ class BeamForms:
         What Python evaluates is made when it is first asked for: C has numbers of its own.
         """
         other = shallow_copy(self)
-        other._terms, other._pattern = {}, (self.data, mesh, parameters)
+        other._terms, other._pattern, other._run = {}, self, (mesh, parameters)
         for name in ("data", "bound"):
             del other.__dict__[name]
         return other
@@ -128,13 +130,18 @@ class BeamForms:
     @cached_property
     def data(self) -> BeamData:
         """Fields and arrays that the forms read."""
-        pattern, mesh, parameters = self._pattern
-        return pattern.on(mesh, parameters, self._numbers)
+        assert self._pattern is not None  # else it is there
+        return self._pattern.data.on(*self._run, self._numbers)
 
     @cached_property
     def bound(self) -> dict[str, Term]:
         """The forms of a step on the mesh, by name."""
-        return self._placed(self._compiled())
+        assert self._pattern is not None
+        return self._own(self._pattern.bound)
+
+    def _own(self, terms: dict[str, Term]) -> dict[str, Term]:
+        """Terms of the program, which read the data of this run."""
+        return {name: term.on(self.data.mesh, self.data.named) for name, term in terms.items()}
 
     def _compiled(self) -> FormModule:
         try:
@@ -150,7 +157,10 @@ class BeamForms:
     def terms(self, method: str, *arguments: str) -> dict[str, Term]:
         """Terms on the mesh by name, as a method of the writer gives them; each is made once."""
         if (key := (method, *arguments)) not in self._terms:
-            self._terms[key] = self._placed(self.source.module(method, *arguments))
+            if self._pattern is None:
+                self._terms[key] = self._placed(self.source.module(method, *arguments))
+            else:
+                self._terms[key] = self._own(self._pattern.terms(method, *arguments))
         return self._terms[key]
 
     def _placed(self, module: FormModule) -> dict[str, Term]:

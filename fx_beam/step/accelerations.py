@@ -7,7 +7,7 @@ import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
 
-from .model import Model, tool
+from .model import Model, fact
 from .sparse_lu import LU
 
 # Up to so many rows matrices are arrays: an operation on sparse ones costs 0.1 ms.
@@ -59,7 +59,7 @@ def _of_equal(model: Model, force: np.ndarray) -> np.ndarray | None:
     values = np.bincount(direct["to"], model.masses.matrix.data[direct["from"]], len(indices))
     diagonal = values[np.repeat(np.arange(free), np.diff(indptr)) == indices]
     has_mass = free and (diagonal > 0).all()
-    factors = tool(model, _factors)
+    factors = fact(model, _factors).empty()
     return factors.solve(force) if has_mass and factors.factorise(values) else None
 
 

@@ -23,8 +23,8 @@ from fx_beam.c_library import Structs
 
 from .block import aligned_zeros
 from .layout import Arrays, Layout, Numbers, Rows, all_of, never_empty
-from .model import Model, tool
-from .tables import problem_of
+from .model import Model
+from .tables import Problem, problem_of
 from .tangent_storage import ProblemKind
 
 # Numbers of a scene on which T depends, besides the masses.
@@ -46,11 +46,32 @@ class Fit(NamedTuple):
 
 def rate_fit(model: Model) -> FittedRates:
     """Finds rates that fit the joints and driven motions of a model."""
-    return tool(model, _rate_fit)
+    if model.rate_fit is None:
+        model.rate_fit = FittedRates(weakref.proxy(model))  # as the model has it
+    return model.rate_fit
 
 
-def _rate_fit(model: Model) -> FittedRates:
-    return FittedRates(weakref.proxy(model))  # as the model has it
+class FitPlaces(NamedTuple):
+    """Places in the vector of a fit."""
+
+    layout: Layout
+    states: Rows
+    results: Rows
+    numbers: dict[str, Numbers]
+
+
+def _places(problem: Problem, layout: Layout) -> FitPlaces:
+    rows, p, slides = layout.at, problem.c.tables, layout.slides
+    states = {"q": rows["q"], "v": rows["v"], "slides": slides, "driven rates": rows["driven"]}
+    slides1 = np.where(slides < rows["q"][0], slides - rows["Y"][0] + rows["Y1"][0], slides)
+    results = {"rates": rows["q1"], "rates of slides": slides1}
+    results["impulses of joints"] = rows["forces"]
+    results["impulses of columns"] = rows["R"][p.free : p.columns]
+    numbers = {name: all_of(rows[name]) for name in _OF_SHAPE}
+    entries, count = problem.storage.mass_entries.ravel(), problem.model.masses.matrix.nnz
+    numbers["mass"] = Numbers(rows["mass"], entries, count)
+    numbers = {name: part for name, part in numbers.items() if part.size}
+    return FitPlaces(layout, Rows(states), Rows(results), numbers)
 
 
 class FittedRates:
@@ -65,24 +86,16 @@ class FittedRates:
         self._structs.set(self._a, slide_at_rest=np.zeros(1 + len(model.couplings.arm_joints)))
         #: The library, with names of what is asked of it: VALUES, BACKWARDS and FORWARDS.
         self.library = library = problem.derivatives("FIT")
-        #: Where the numbers of a fit are in its vector.
-        self.layout = layout = Layout(problem, library.fx_layout(self._p, self._a))
         room = aligned_zeros(library.fx_linear_scratch(self._p, self._a))
         self._structs.set(self._a, scratch=room)
-        rows, p, slides = layout.at, self._p.tables, layout.slides
-        states = {"q": rows["q"], "v": rows["v"], "slides": slides, "driven rates": rows["driven"]}
-        slides1 = np.where(slides < rows["q"][0], slides - rows["Y"][0] + rows["Y1"][0], slides)
-        #: Rows of states, and of what is found.
-        self.states = Rows(states)
-        impulses = {"impulses of joints": rows["forces"]}
-        impulses["impulses of columns"] = rows["R"][p.free : p.columns]
-        self.results = Rows({"rates": rows["q1"], "rates of slides": slides1} | impulses)
-        numbers = {name: all_of(rows[name]) for name in _OF_SHAPE}
-        numbers["mass"] = Numbers(
-            rows["mass"], problem.storage.mass_entries.ravel(), model.masses.matrix.nnz
-        )
-        #: The numbers of the scene by name.
-        self.numbers = {name: part for name, part in numbers.items() if part.size}
+        # Where everything is follows from the structure alone.
+        places: FitPlaces | None = model.facts.get(FitPlaces)
+        if places is None:
+            layout = Layout(problem, library.fx_layout(self._p, self._a))
+            places = model.facts[FitPlaces] = _places(problem, layout)
+        #: Where the numbers of a fit are in its vector, rows of states and of results in it, and
+        #: the numbers of the scene by name.
+        self.layout, self.states, self.results, self.numbers = places
 
     def fit(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, driven: np.ndarray) -> Fit:
         """Rates for v (n, size) at q (n, size) and slides (n, joints).

@@ -94,8 +94,8 @@ class Model:
         self.structure = Structure(scene)
         #: Facts of the structure by the functions that give them, which runs of a program share.
         self.facts: dict[Callable, Any] = {}
-        #: What a run makes once and changes, such as factors, by the functions that make it.
-        self.tools: dict[Callable, Any] = {}
+        #: What fits rates (`rate_fit`), made when it is first asked for.
+        self.rate_fit: Any = None
         # Whether masses hold nothing, and whether loads may hold a mechanism.
         self._rests = scheme.rates.at_rest and not mobile, settles
         #: Why the scene without loads is a mechanism; empty if it is none.
@@ -155,7 +155,7 @@ class Model:
     def in_block(self, block: Any, program: Any) -> Model:
         """The model of a run, whose numbers are in its block; `set_numbers` is to follow."""
         other = shallow_copy(self)
-        other.program, other.block, other.lock, other.tools = program, block, RLock(), {}
+        other.program, other.block, other.lock, other.rate_fit = program, block, RLock(), None
         other.mesh = mesh = shallow_copy(self.mesh)
         other.masses = self.masses.on(mesh)
         other.forms = forms = self.forms.in_block(block, mesh)
@@ -280,13 +280,6 @@ def fact(model: Model, find: Callable[[Model], T]) -> T:
     if find not in model.facts:
         model.facts[find] = find(model)
     return model.facts[find]
-
-
-def tool(model: Model, make: Callable[[Model], T]) -> T:
-    """What a function makes of a model, once for each run."""
-    if make not in model.tools:
-        model.tools[make] = make(model)
-    return model.tools[make]
 
 
 def widths_of(model: Model) -> dict[str, int]:

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from fx_beam import c_library
 from fx_beam.c_library import Structs
 from fx_beam.fem.sparsity import Pattern
+from fx_beam.shallow_copy import shallow_copy
 
 from .lu_layout import NONE, factors_of
 
@@ -68,6 +69,14 @@ class LU:
         #: Solutions that cost as much as a factorisation.
         self.worth = layout.worth
         self._double = ffi.typeof("double[]")
+
+    def empty(self) -> LU:
+        """Factors for the same pattern, of a matrix to come."""
+        other = shallow_copy(self)
+        other._factors = np.empty(len(self._factors))
+        other._rows = self._ffi.new("SparseRows *", self._rows[0])
+        other._rows.factors = self._doubles(other._factors)
+        return other
 
     def _ints(self, values: np.ndarray) -> Any:
         return self._ffi.from_buffer("int[]", np.asarray(values, np.int32, "C"))
