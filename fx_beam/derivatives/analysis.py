@@ -52,7 +52,7 @@ class Analysis:
 
     @property
     def measured_by_name(self) -> dict[str, Measured]:
-        """Outputs of the last scene that are no functions, measured once for all of its readers."""
+        """Outputs of the last scene that are no functions, measured once."""
         outputs = self.outputs
         if self._measured_outputs[0] is not outputs:
             chosen = {name: each for name, each in outputs.items() if isinstance(each, Output)}

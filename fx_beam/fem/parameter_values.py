@@ -65,7 +65,7 @@ class ParameterValues:
             self.use(self.at(0.0))
 
     def in_block(self, block: Any) -> ParameterValues:
-        """Parameters whose values are in the block of a run; readers are to be added."""
+        """Parameters whose values are in the block of a run; what reads them is to be added."""
         if not self.names:
             return self
         other = shallow_copy(self)

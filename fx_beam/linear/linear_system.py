@@ -33,7 +33,7 @@ from fx_beam.step.accelerations import have_mass
 
 from .linearisation import output_rows, sized, split
 from .moving_state import Deviations, deviations, forces_inside
-from .reading import Reading
+from .state_projection import Reading
 
 # Round-off of the jump of a rate with an input, relative to the outputs.
 _NONE = 1e-12

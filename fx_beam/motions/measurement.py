@@ -122,7 +122,7 @@ def readings(
         from .row_balance import RowBalance
 
         balance = RowBalance(prepared.model, last_row)
-        section_readings = {name: balance.reading(output) for name, output in sections.items()}
+        section_readings = {name: balance.value_of(output) for name, output in sections.items()}
     by_name = {name: Measured(output) for name, output in outputs.items() if name not in sections}
     if any(measured.quantity.of in _NOT_ALWAYS for measured in by_name.values()):
         prepared.loop.problem.keep_joint_forces()

@@ -27,7 +27,7 @@ class RowBalance:
         self._balance: ElementBalance
         self._gauss: np.ndarray
 
-    def reading(self, output: Output) -> Callable[[], float]:
+    def value_of(self, output: Output) -> Callable[[], float]:
         """A function that reads an output at a place."""
         place: Any = output.of
         number = [beam.name for beam in self._model.scene.beams].index(place.beam.name)

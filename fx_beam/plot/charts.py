@@ -20,7 +20,7 @@ from fx_beam.scene.beam import Node
 
 from .drawing import Look
 
-# Colours of Okabe and Ito, safe for colour-blind readers; line styles differ in grey prints.
+# Colours of Okabe and Ito, safe for colour-blind eyes; line styles differ in grey prints.
 STYLES: dict[str, dict] = {
     "EnergyMomentum": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.4},
     "EnergyMomentum(order=4)": {"color": "#004b87", "linestyle": (0, (1, 1)), "linewidth": 2.0},

@@ -247,6 +247,6 @@ class _Parts:
             return _KINDS[content](**{name: self.read(part) for name, part in known.items()})
         if kind == "keys":
             return dict(zip(content, self.read(packed["values"]), strict=True))
-        readers: dict[str, Any] = {"array": self._arrays.pop, "node": self.node}
-        readers |= {"beam": self.beams.__getitem__, "tuple": lambda items: tuple(self.read(items))}
-        return readers[kind](content)
+        parsers: dict[str, Any] = {"array": self._arrays.pop, "node": self.node}
+        parsers |= {"beam": self.beams.__getitem__, "tuple": lambda items: tuple(self.read(items))}
+        return parsers[kind](content)
