@@ -1,6 +1,6 @@
-"""Scenes a second of a parameter sweep, on processes and under mpirun.
+"""Scenes a second of a parameter sweep, on processes, in threads and under mpirun.
 
-    .venv/bin/python benchmarks/sweep.py [number of scenes] [parts]
+    .venv/bin/python benchmarks/sweep.py [number of scenes] [parts or threads]
 
 Pinned beams as in the demo, 8 elements, with other stiffnesses and initial speeds: 2 s each with
 dt = 0.01 s. They run on one and two processes, and in pools of mpi4py with one and two workers,
@@ -15,6 +15,10 @@ of eight elements, their functions above all, fills the vectors already. So an i
 and 32 elements takes a + e + c, a + e + 8c and a + 4e + 32c: e for a block, c for each element, a
 for all else. Of eight scenes in lanes only a + 8c could be divided, by eight at the most, and each
 of them waits for the one with most iterations.
+
+With `threads`, sweeps and calls of a response with 8 and with 128 elements, by one thread and by
+two in turns: median and lowest time of a scene, and the ratios of both. Python runs in one thread
+at a time: so beside them the part of the processor time that the steps in C take.
 """
 
 import json
@@ -23,17 +27,19 @@ import subprocess
 import sys
 from pathlib import Path
 from statistics import median
-from time import monotonic, thread_time
+from time import monotonic, perf_counter, thread_time
 
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.motions.motion_series import MotionSeries
+from fx_beam.motions import motion_series
 from fx_beam.step.loop import CompiledLoop
 
 LENGTH, SPEED = 100.0, 600.0
 T_END, DT, ELEMENTS = 2.0, 0.01, 8
 LANES = 8
+# Number of times that one and two threads are compared.
+TURNS = 9
 
 
 def built(case, elements=ELEMENTS):
@@ -56,7 +62,7 @@ def built(case, elements=ELEMENTS):
 def swing(case):
     """The end of a pinned beam, when it ended and the processor time that it took."""
     clock = thread_time()
-    scene = built(case)
+    scene = built(case, case.get("elements", ELEMENTS))
     solution = fb.simulate(scene, dt=DT, t_end=T_END)
     return {
         "x": float(solution.position(scene.beams[0].end)[-1, 0]),
@@ -100,7 +106,7 @@ def under_mpirun(number, ranks):
 
 
 def timed(kind, name, times):
-    """A method that adds its processor time to `times`; the original one."""
+    """A method or function that adds its processor time to `times`; the original one."""
     method = getattr(kind, name)
 
     def call(*arguments):
@@ -135,7 +141,7 @@ def times_by_part(number, elements):
     return np.array(rows[1:])
 
 
-TIMED = (MotionSeries, "prepare"), (CompiledLoop, "_steps")
+TIMED = (motion_series, "prepare"), (CompiledLoop, "_steps")
 
 
 def held_iterations(number):
@@ -181,6 +187,52 @@ def parts(number):
     print(f"with steps that take no time {whole / (whole - steps):.1f} times")
 
 
+def compared(number, elements):
+    """Times [s] of a scene in sweeps and maps of a response, by one and two threads in turns."""
+    given = [case | {"elements": elements} for case in cases(number)]
+    response = fb.Response(
+        lambda x: of_response({"stiffness": x[0], "speed": x[1]}, elements), dt=DT, t_end=T_END
+    )
+    X = [[case["stiffness"], case["speed"]] for case in given]
+    calls = {
+        "sweep": lambda threads: fb.sweep(swing, given, threads=threads),
+        "map": lambda threads: response.map(X, threads),
+    }
+    times = {name: {1: [], 2: []} for name in calls}
+    for turn in range(TURNS + 1):  # the first one compiles
+        for name, call in calls.items():
+            for threads in (1, 2):
+                clock = perf_counter()
+                call(threads)
+                if turn:
+                    times[name][threads].append((perf_counter() - clock) / number)
+    return times
+
+
+def of_response(case, elements):
+    """The scene of a case, and the output of a response."""
+    scene = built(case, elements)
+    return scene, {"end": fb.Output("position", scene.beams[0].end)}
+
+
+def threads(number):
+    """Print what two threads gain beside one."""
+    print(f"{number} scenes of {T_END / DT:.0f} steps, {TURNS} turns")
+    row = "{:20} {:>12} {:>12} {:>8} {:>12} {:>12} {:>8}".format
+    print(row("", "1: median", "2: median", "ratio", "1: lowest", "2: lowest", "ratio"))
+    for elements in (ELEMENTS, 16 * ELEMENTS):
+        for name, times in compared(number, elements).items():
+            shown = []
+            for measure in (median, min):
+                one, two = (1e3 * measure(times[count]) for count in (1, 2))
+                shown += [f"{one:.3f} ms", f"{two:.3f} ms", f"{one / two:.2f}"]
+            print(row(f"{name}, {elements} elements", *shown))
+        rows = times_by_part(number, elements)[:, :-1]
+        whole = np.median(rows.sum(axis=1))
+        print(f"  steps in C: {np.median(rows[:, 2]) / whole:.0%} of the processor time of a scene")
+    print(f"load of the machine: {os.getloadavg()[0]:.1f}")
+
+
 def main(number=1000):
     measured(4, 1)  # compiles
     print(
@@ -209,5 +261,7 @@ if __name__ == "__main__":
             print(json.dumps(measured(int(sys.argv[1]), pool)))
     elif sys.argv[2:] == ["parts"]:
         parts(int(sys.argv[1]))
+    elif sys.argv[2:] == ["threads"]:
+        threads(int(sys.argv[1]))
     else:
         main(*map(int, sys.argv[1:2]))

@@ -77,7 +77,7 @@ class HarmonicResponse(OfParameters):
     \hat F`, the derivative of a component :math:`r.\hat x` is :math:`\lambda.(\hat F_x - D_x \hat
     x) + r_x.\hat x`, with :math:`D^T \lambda = r`: one more right side for each frequency and
     component. Derivatives along :math:`\hat x` are differences of order six, as in `ModalResponse`;
-    the dependence of a static state is included.
+    the dependence of a static state is included. Threads may call it at once, as a `Response`.
 
     Parameters
     ----------
@@ -137,11 +137,15 @@ class HarmonicResponse(OfParameters):
         self._begin(build, f, state, base)
 
     def _begin(self, *arguments) -> None:
-        self._arguments = build, self._f, state, self._base = arguments
+        super()._begin(*arguments)
+        build, self._f, state, self._base = arguments
         self._parameters = Parametrised(build, self._read, "amplitudes", self._load_numbers)
         self._tangent = TangentAnalysis(self._parameters, _WHAT, _WHAT, state, damped=True)
 
-    response: FrequencyResponse
+    @property
+    def response(self) -> FrequencyResponse:
+        """The amplitudes of the last call."""
+        return self._state()._result
 
     def _read(self, built: tuple) -> tuple[Scene, tuple]:
         """The scene, and its load and where the motion is wanted."""
@@ -182,7 +186,7 @@ class HarmonicResponse(OfParameters):
         motions, adjoints = map(np.array, zip(*solved, strict=True))
         self._solutions = self._f, motions, adjoints
         amplitudes = motions @ self._measured.rows.T + self._measured.node_rows @ self._moved
-        self.response = FrequencyResponse(observed, self._f, self._measured.names, amplitudes)
+        self._result = FrequencyResponse(observed, self._f, self._measured.names, amplitudes)
         self._parameters.x = values
         return amplitudes.copy()
 

@@ -71,7 +71,8 @@ class ModalResponse(OfParameters):
     all others are exact but for differences of `build`.
 
     From the second call on modes keep their places: each is the one whose shape is most like that
-    before (MAC, with the mass), also where frequencies cross.
+    before (MAC, with the mass), also where frequencies cross. Threads may call it at once: the call
+    before, and the last one, are those of a thread, as of a `Response`.
 
     Parameters
     ----------
@@ -133,7 +134,8 @@ class ModalResponse(OfParameters):
         self._begin(build, n, state, damped)
 
     def _begin(self, *arguments) -> None:
-        self._arguments = build, self._n, state, self._damped = arguments
+        super()._begin(*arguments)
+        build, self._n, state, self._damped = arguments
         self._parameters = Parametrised(build, _read, "modes")
         self._tangent = TangentAnalysis(
             self._parameters, "ModalResponse", "modes", state, self._damped
@@ -141,7 +143,10 @@ class ModalResponse(OfParameters):
         # Shapes (size, n) of the last modes in their places.
         self._shapes: np.ndarray | None = None
 
-    modes: Modes
+    @property
+    def modes(self) -> Modes:
+        """The modes of the last call."""
+        return self._state()._result
 
     @one_call
     def __call__(self, x: ArrayLike) -> np.ndarray:
@@ -175,7 +180,7 @@ class ModalResponse(OfParameters):
             self._take_modes(2 * self._n + _MORE)
         omega, ratios, roots, vectors = self._modes.of(slice(self._n))
         self._shapes = linear.T @ vectors
-        self.modes = modes_of(
+        self._result = modes_of(
             linear.model, linear.start.q, self._shapes, omega, omega == 0, ratios, roots
         )
         self._parameters.x = values

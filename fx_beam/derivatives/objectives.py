@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError, array_of, check_takes, real_array, require, shown
-from fx_beam.step.interrupts import one_thread
-
-from .parametrised import Parametrised
 
 #: ``function(t, y)`` gives a value, and its derivatives by outputs, by name.
 Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, np.ndarray]]]
@@ -24,25 +20,13 @@ class _Run(Protocol):
     def jacobian(self, *names: str) -> dict[str, np.ndarray]: ...
 
 
-class _OfRun:
-    """A function that calls a response, one thread at a time."""
-
-    #: What the response shares with it; of a copy that of the copied response.
-    _shared: Callable[[], Parametrised]
-
-    @property
-    def _alone(self) -> AbstractContextManager:
-        return self._shared().alone
-
-
-class Objective(_OfRun):
+class Objective:
     """A number of a whole motion, and its derivatives by x."""
 
-    def __init__(self, run: _Run, shared: Callable[[], Parametrised], function: Cost):
+    def __init__(self, run: _Run, function: Cost):
         check_takes(function, "t, y", "objective: function")
-        self._run, self._shared, self._function = run, shared, function
+        self._run, self._function = run, function
 
-    @one_thread
     def __call__(self, x: ArrayLike) -> tuple[float, np.ndarray]:
         """The value, and its derivatives (m,) by x."""
         result = self._function(*self._run(x))
@@ -74,20 +58,20 @@ def _scatter(scatter: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarra
         ) from None
 
 
-class Misfit(_OfRun):
+class Misfit:
     """Outputs less what was measured, over the scatter of this, as one vector."""
 
     def __init__(
         self,
         run: _Run,
-        shared: Callable[[], Parametrised],
+        last_x: Callable[[], np.ndarray],
         measured: Mapping[str, ArrayLike],
         scatter: ArrayLike | Mapping[str, ArrayLike],
     ):
         subject = "misfit: measured"
         ok = isinstance(measured, Mapping) and len(measured) > 0
         require(ok, subject, measured, "a dict of arrays by names of outputs")
-        self._run, self._shared = run, shared
+        self._run, self._last_x = run, last_x
         pairs = measured.items()
         self._measured = {name: _measured(rows, f"{subject}[{name!r}]") for name, rows in pairs}
         scatters = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
@@ -97,29 +81,30 @@ class Misfit(_OfRun):
             name: _scatter(scatters[name], rows.shape, f"misfit: scatter of {name!r}")
             for name, rows in self._measured.items()
         }
-        #: Numbers of the last deviations: those of the run, if no other call came between.
-        self._x = np.empty(0)
 
-    @one_thread
     def __call__(self, x: ArrayLike) -> np.ndarray:
         """Deviations (n,); zero where nothing was measured, which is NaN."""
         (_, y), parts = self._run(x), list[np.ndarray]()
+        self._check_shapes(y)
         for name, rows in self._measured.items():
-            require(name in y, "misfit: measured", [*self._measured], f"names of {[*y]}")
-            ok = rows.shape == y[name].shape
-            require(ok, f"misfit: measured[{name!r}]", rows.shape, f"of shape {y[name].shape}")
             deviations = (y[name] - rows) / self._scatter[name]
             parts.append(np.where(np.isnan(rows), 0.0, deviations).ravel())
-        self._x = self._shared().x
         return np.concatenate(parts)
 
-    @one_thread
     def jacobian(self, x: ArrayLike) -> np.ndarray:
         """Derivatives (n, m) of deviations by x; without a motion if the last one was that of x."""
-        if self._x is not self._shared().x or not np.array_equal(self._x, x):
+        if not np.array_equal(self._last_x(), x):
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
+        self._check_shapes({name: slopes[..., 0] for name, slopes in J.items()})
         for name, rows in self._measured.items():
             scaled = J[name] * np.where(np.isnan(rows), 0.0, 1 / self._scatter[name])[..., None]
             parts.append(scaled.reshape(-1, scaled.shape[-1]))
         return np.concatenate(parts)
+
+    def _check_shapes(self, y: Mapping[str, np.ndarray]) -> None:
+        """SceneError if outputs have other names or shapes than what was measured."""
+        for name, rows in self._measured.items():
+            require(name in y, "misfit: measured", [*self._measured], f"names of {[*y]}")
+            ok = rows.shape == y[name].shape
+            require(ok, f"misfit: measured[{name!r}]", rows.shape, f"of shape {y[name].shape}")

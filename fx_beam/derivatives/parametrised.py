@@ -1,11 +1,12 @@
-"""Scenes as a function of parameters: what all responses have, and one call of them at a time."""
+"""Scenes as a function of parameters: what all responses have, and their states by threads."""
 
 from __future__ import annotations
 
+import copy
 import functools
 from collections.abc import Callable
-from threading import RLock
-from typing import Any, Generic, TypeVar
+from threading import Lock, RLock, local
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,6 @@ from fx_beam.errors import all_of, real_array, require
 from fx_beam.results.records import Stats
 from fx_beam.scene.functions import ArrayCalls
 from fx_beam.scene.scene import Scene
-from fx_beam.step.interrupts import one_thread
 
 from .built_scenes import BuiltScenes, NumbersOf
 from .gradient import DualArrays
@@ -26,18 +26,21 @@ _Besides = TypeVar("_Besides")
 
 
 def one_call(method: _Method) -> _Method:
-    """A method for one thread; all but `__call__` need a call before."""
+    """A method of the state of its thread; all but `__call__` need a call before."""
     name = method.__name__
+    begins = name == "__call__"
 
     @functools.wraps(method)
     def call(self, *arguments, **named):
-        if name != "__call__":
-            parameters, subject = self._parameters, f"{type(self).__name__}.{name}"
-            expected = "called after run(x) without an error"
-            require(len(parameters.x) > 0, subject, f"no {parameters.gives} yet", expected)
-        return method(self, *arguments, **named)
+        state = self._state(begins)
+        with state._alone:
+            if not begins:
+                parameters, subject = state._parameters, f"{type(self).__name__}.{name}"
+                expected = "called after run(x) without an error"
+                require(len(parameters.x) > 0, subject, f"no {parameters.gives} yet", expected)
+            return method(state, *arguments, **named)
 
-    return one_thread(call)  # type: ignore[return-value]
+    return call  # type: ignore[return-value]
 
 
 class Parametrised(Generic[_Besides]):
@@ -59,7 +62,8 @@ class Parametrised(Generic[_Besides]):
         self._last: tuple[Scene, _Besides]
         #: What a call gives, for messages.
         self.gives = gives
-        self.alone, self._array_calls = RLock(), ArrayCalls()
+        #: What is known of functions of the scenes.
+        self.array_calls = ArrayCalls()
         #: Arguments of `build` after x.
         self.more: tuple[float, ...] = ()
         #: The parameters of the last call; empty until it succeeds.
@@ -82,7 +86,7 @@ class Parametrised(Generic[_Besides]):
         """The scene that `build` makes of a copy of x, and the rest of its result."""
         own_x = x if isinstance(x, Dual) else x.copy()
         scene, besides = self._built(own_x, *(extra or self.more))
-        scene.array_calls, self._last = self._array_calls, (scene, besides)
+        scene.array_calls, self._last = self.array_calls, (scene, besides)
         return scene, besides
 
     def take(self, x: np.ndarray | Dual) -> Scene:
@@ -105,14 +109,36 @@ class Parametrised(Generic[_Besides]):
 
 
 class OfParameters:
-    """A function of parameters x, called by one thread at a time; copies know of no call."""
+    """A function of parameters x; copies know of no call.
 
-    _arguments: tuple
+    The first thread that calls it has this object as its state, each other one a copy of its own.
+    """
+
     _parameters: Parametrised
 
     def _begin(self, *arguments) -> None:
         """Know of no call yet; copies and pickles begin with the same arguments."""
-        raise NotImplementedError
+        self._arguments = arguments
+        # Held while this state is used, and by the first thread for good; states of other threads.
+        self._alone, self._first, self._of_thread = RLock(), Lock(), local()
+
+    def _state(self, begins: bool = False) -> Self:
+        """The state of this thread; this object if the thread has none, and does not begin one."""
+        states = self._of_thread.__dict__
+        if begins and "state" not in states:
+            states["state"] = None if self._first.acquire(blocking=False) else self._twin()
+        return states.get("state") or self
+
+    def _twin(self) -> Self:
+        """A copy that calls functions of scenes with arrays where this object does."""
+        twin = copy.copy(self)
+        twin._parameters.array_calls = self._parameters.array_calls
+        return twin
+
+    def _last_x(self) -> np.ndarray:
+        """The parameters of the last call in this thread; empty if it failed, or made none."""
+        has_called = "state" in self._of_thread.__dict__
+        return self._state()._parameters.x if has_called else np.empty(0)
 
     def __getstate__(self):
         return self._arguments
@@ -121,10 +147,6 @@ class OfParameters:
         self._begin(*arguments)
 
     @property
-    def _alone(self) -> RLock:
-        return self._parameters.alone
-
-    @property
     def stats(self) -> Stats:
         """Statistics of the last call."""
-        return self._parameters.stats
+        return self._state()._parameters.stats

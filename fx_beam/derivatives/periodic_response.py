@@ -41,7 +41,7 @@ class PeriodicResponse(Response):
     ``run.multipliers()``, are those of the motion as it is found: with the state y at its start,
     its period T and the state S(y, T, x) after it, :math:`(S_y - 1) \mathrm{d}y + S_T \mathrm{d}T =
     -S_x \mathrm{d}x`, besides the phase, energy or amplitude that is given. No other motion is
-    searched for.
+    searched for. Threads may call it at once, and by `map`, as a `Response`.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class PeriodicResponse(Response):
     @property
     def motion(self) -> PeriodicMotion:
         """The motion of the last call."""
-        return self._analysis.motion
+        return self._state()._analysis.motion
 
     @one_call
     def multipliers(self, n: int = 1) -> tuple[np.ndarray, np.ndarray]:

@@ -11,13 +11,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require, shown
+from fx_beam.errors import (
+    SceneError,
+    array_of,
+    check_takes,
+    is_one_of,
+    is_whole,
+    positive,
+    require,
+    shown,
+)
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.options import Options
 from fx_beam.results.solution import Solution
 from fx_beam.scene.measured import Measured
 from fx_beam.scene.outputs import Output, check_differentiable, check_output
 from fx_beam.scene.scene import Scene
+from fx_beam.step.interrupts import Threads
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 from fx_beam.step.tape import LIMIT, Part
@@ -42,6 +52,10 @@ _CHAOTIC = (
     "has vibrations that the step does not resolve. They are exact for these steps, but tell only "
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
+# Largest number of threads.
+_MOST = 1000
+#: Times or load factors (n,), and outputs (n, ...) by name.
+Rows = tuple[np.ndarray, dict[str, np.ndarray]]
 #: A function of parameters (m,) that gives a scene and its outputs by name.
 Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 
@@ -56,6 +70,13 @@ class Response(OfParameters):
     other beams, elements, joints, supports or kinds of loads is set up anew, and so is one whose
     functions in UFL give other expressions, in which a `Parameter` is no number;
     ``run.stats.setup_reason`` says why.
+
+    It may be called from several threads, also by its objectives. Each thread has a state of its
+    own: derivatives and `stats` are those of the last call in this thread, whatever others call
+    meanwhile. In a thread that has made no call they are those of the last call of the thread that
+    made the first one, for which they wait while it uses the response. `build`, and the functions
+    that it gives, are called by these threads at the same time. `map` is the same for a table of
+    parameters.
 
     Parameters
     ----------
@@ -88,7 +109,8 @@ class Response(OfParameters):
     memory : float
         Memory for the steps that derivatives follow [bytes]. If a motion needs more, only states at
         some steps are kept, and increments in half of the memory. Derivatives repeat the steps
-        between, to the last digit, those with increments without iterations.
+        between, to the last digit, those with increments without iterations. Each thread has as
+        much.
 
     Attributes
     ----------
@@ -152,7 +174,7 @@ class Response(OfParameters):
 
     def _begin(self, build: Callable, analysis: Callable[[Parametrised], Analysis]) -> None:
         """Know of no call yet; copies and pickles begin with the same arguments."""
-        self._arguments = build, analysis
+        super()._begin(build, analysis)
         self._parameters = Parametrised(
             build,
             self._read,
@@ -165,10 +187,6 @@ class Response(OfParameters):
         self._changes: dict[str, np.ndarray] | None = None
         # Whether there was a warning of friction that reverses in too few steps.
         self._warned = False
-
-    def _shared(self) -> Parametrised:
-        """Parameters that its objectives share with it; copies of them copy them by this method."""
-        return self._parameters
 
     def _read(self, built: Any) -> tuple[Scene, dict[str, Wanted]]:
         """The scene and its outputs that `build` gave; SceneError if it gave something else."""
@@ -195,7 +213,7 @@ class Response(OfParameters):
         return scene, outputs
 
     @one_call
-    def __call__(self, x: ArrayLike) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def __call__(self, x: ArrayLike) -> Rows:
         """Run the scene of some parameters.
 
         Parameters
@@ -215,6 +233,60 @@ class Response(OfParameters):
         self._shapes = {name: rows.shape for name, rows in y.items()}
         self._parameters.x = values
         return t, y
+
+    def map(self, X: ArrayLike, threads: int | None = None) -> list[Rows | Exception]:
+        """Run the scenes of many parameters, several at a time.
+
+        They are cases of one program, and each thread has the memory of its last one. If nothing
+        has been called before, the first case runs alone, and compiles for all. Derivatives and
+        `stats` remain those of the last call of the response.
+
+        Parameters
+        ----------
+        X : (k, m) float
+            The parameters of each case.
+        threads : int, optional
+            Number of threads of this process; by default all cases run in this one. They call
+            `build`, and functions of the scenes, at the same time.
+
+        Returns
+        -------
+        list of (t, y), or exceptions
+            What a call gives for each case, in their order; the exception of a case that fails.
+
+        Raises
+        ------
+        SceneError
+            If `X` is no table of numbers, or `threads` no whole number from 1 on.
+        KeyboardInterrupt
+            If interrupted, after the cases that were running have ended.
+
+        Examples
+        --------
+        Where a body is after a second, by its mass; a mass below zero is refused.
+
+        >>> import fx_beam as fb
+        >>> def build(x):
+        ...     scene = fb.Scene()
+        ...     body = scene.add_body((0, 0), mass=x[0], inertia=1.0)
+        ...     scene.add_force(body.centre, (1.0, 0.0))
+        ...     return scene, {"place": fb.Output("position", body.centre, "x")}
+        >>> run = fb.Response(build, dt=0.1, t_end=1.0)
+        >>> *cases, failed = run.map([[1.0], [2.0], [-1.0]], threads=2)
+        >>> [round(float(y["place"][-1]), 3) for t, y in cases], type(failed).__name__
+        ([0.5, 0.25], 'SceneError')
+        """
+        cases = array_of(X, "Response.map: X")
+        require(cases.ndim == 2, "Response.map: X", X, "a table (k, m), a row for each case")
+        ok = threads is None or is_whole(threads, 1, _MOST)
+        require(ok, "Response.map: threads", threads, f"a whole number from 1 to {_MOST}")
+        first = 0 if len(self._last_x()) else 1
+        call = functools.partial(_called, self._twin())
+        results = [call(x) for x in (cases if threads is None else cases[:first])]
+        if threads is not None:
+            with Threads(int(threads)) as executor:
+                results += executor.map(call, cases[first:])
+        return results
 
     @one_call
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -367,7 +439,7 @@ class Response(OfParameters):
         >>> minimize(run.objective(distance), [0.0, 0.0], jac=True).x.round(6)
         array([2., 4.])
         """
-        return Objective(self, self._shared, function)
+        return Objective(self, function)
 
     def misfit(self, measured: Mapping[str, Any], scatter: Any = 1.0) -> Misfit:
         """Outputs less what was measured, as a function of x for least squares.
@@ -408,7 +480,7 @@ class Response(OfParameters):
         >>> least_squares(misfit, [1.0], jac=misfit.jacobian).x.round(6)
         array([2.])
         """
-        return Misfit(self, self._shared, measured, scatter)
+        return Misfit(self, self._last_x, measured, scatter)
 
     def _begin_derivatives(self, method: str, outputs: Outputs) -> tuple[Any, ...]:
         """The tape of the last call, the derivatives of its steps, and of all numbers by x.
@@ -467,3 +539,11 @@ class Response(OfParameters):
             else:
                 outputs[name] = analysis.measured_by_name[name]
         return singles, outputs
+
+
+def _called(run: Response, x: np.ndarray) -> Rows | Exception:
+    """What a response gives for some parameters, or why it fails."""
+    try:
+        return run(x)
+    except Exception as error:  # noqa: BLE001  # a case that fails is alone
+        return error

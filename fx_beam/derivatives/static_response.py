@@ -33,6 +33,8 @@ class StaticResponse(Response):
     equilibrium is computed for them. With an arc length as well, the factors of the rows count as
     constant; at a limit point there is no derivative.
 
+    Threads may call it at once, and by `map`, as a `Response`.
+
     The output "critical_load" of the scene is the load factor at the first critical point of the
     path, a single number, and its derivatives are those of the point.
 

@@ -65,10 +65,11 @@ class ArrayCalls:
         """
         least = _LEAST_WITH_SLOPES if is_dual or isinstance(rows, Dual) else _LEAST
         key = name, getattr(function, "__code__", type(function))
-        if len(rows) < least or not self.accepted.get(key, True):
+        accepted = self.accepted.get(key)  # which another thread may change
+        if len(rows) < least or accepted is False:
             return one_by_one(rows)
         values = _at_once(function, size, rows)
-        if key not in self.accepted:
+        if accepted is None:
             single_values = one_by_one(rows)
             self.accepted[key] = values is not None and _agree(values, single_values)
             return single_values

@@ -6,6 +6,7 @@ import functools
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any, TypeVar
 
@@ -76,6 +77,18 @@ def ctrl_c_waits() -> Iterator[AbstractContextManager[None]]:
     finally:
         signal.signal(signal.SIGINT, handler)
         whole.__exit__()
+
+
+class Threads(ThreadPoolExecutor):
+    """Threads for calls; at the end of a `with` block calls that have not begun are dropped."""
+
+    def submit(self, function: Callable, /, *arguments: Any, **options: Any) -> Future:
+        """A call in one of the threads; Ctrl-C within it could leave them without their locks."""
+        with ctrl_c_waits() as whole, whole:
+            return super().submit(function, *arguments, **options)
+
+    def __exit__(self, *_: Any) -> None:
+        self.shutdown(cancel_futures=True)
 
 
 def one_thread(method: Method) -> Method:

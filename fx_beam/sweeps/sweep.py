@@ -35,6 +35,7 @@ def sweep(
     results: Path | str | None = None,
     chunksize: int | None = None,
     timeout: float | None = None,
+    threads: int | None = None,
 ):
     """Call a function for each case, several at a time, and collect the results in a table.
 
@@ -68,6 +69,11 @@ def sweep(
     timeout : float, optional
         Longest time for a case [s], that in which its forms are compiled included. A case that
         takes longer fails, and its process is ended. Not with an executor of your own.
+    threads : int, optional
+        Number of threads of this process that run the cases, in the place of processes. The
+        function may be any one, also a local one, and needs no ``if __name__ == "__main__"``; it
+        is called by several threads at the same time. Scenes of one structure share a program, and
+        take their steps at once; Python runs in one thread at a time.
 
     Returns
     -------
@@ -81,17 +87,16 @@ def sweep(
     SceneError
         If an argument is invalid, or if the worker processes cannot start.
     KeyboardInterrupt
-        If interrupted, after all worker processes have ended. Its attribute `rows` has the
-        finished rows, with `chunksize` the finished rows of the table that was begun.
+        If interrupted, after all worker processes, or the cases that run in threads, have ended.
+        Its attribute `rows` has the rows that were finished before, with `chunksize` those of the
+        table that was begun.
     concurrent.futures.BrokenExecutor
         If an executor of your own breaks. It has the attribute `rows` as well.
 
     Examples
     --------
-    The lowest frequency of arms of several lengths. An executor with one thread runs here what
-    processes would run in a script.
+    The lowest frequency of arms of several lengths.
 
-    >>> from concurrent.futures import ThreadPoolExecutor
     >>> import fx_beam as fb
     >>> def lowest(case):
     ...     scene = fb.Scene()
@@ -99,7 +104,7 @@ def sweep(
     ...     scene.clamp(scene.add_beam([(0, 0), (case["length"], 0)], section).start)
     ...     return {"frequency": fb.modes(scene, n=1).frequencies[0]}
     >>> cases = [{"length": 1.0}, {"length": 2.0}, {"length": 0.0}]
-    >>> table = fb.sweep(lowest, cases, executor=ThreadPoolExecutor(1))
+    >>> table = fb.sweep(lowest, cases, threads=2)
     >>> bool(table["frequency"][0] > 3.9 * table["frequency"][1])
     True
     >>> print(table["error"][2])
@@ -108,23 +113,27 @@ def sweep(
     check_takes(function, "case", "sweep: function")
     if timeout is not None:
         timeout = positive(timeout, "sweep: timeout", "a positive number of seconds")
+    options = executor, results, timeout, threads
     entries = map(_checked, _entries(cases))
     if chunksize is None:
         if not (chunk := list(entries)):
             raise SceneError("a sweep needs cases; none are given")
-        (table,) = _tables(function, [chunk], executor, results, timeout)
+        (table,) = _tables(function, [chunk], *options)
         return table
     require(is_whole(chunksize, 1), "sweep: chunksize", chunksize, "a whole number from 1 on")
     chunks = iter(lambda: list(islice(entries, int(chunksize))), [])
-    return _tables(function, chunks, executor, results, timeout)
+    return _tables(function, chunks, *options)
 
 
-def _tables(function, chunks: Iterable[list[dict]], executor, results, timeout) -> Iterator:
+def _tables(
+    function, chunks: Iterable[list[dict]], executor, results, timeout, threads
+) -> Iterator:
     """The table of each chunk of cases."""
-    executor = workers.cores() if executor is None else executor
+    if executor is None and threads is None:
+        executor = workers.cores()
     with (
         closing(Journal(results)) as journal,
-        closing(workers.open_workers(function, executor, timeout)) as crew,
+        closing(workers.open_workers(function, executor, timeout, threads)) as crew,
     ):
         for cases in chunks:
             yield _table_of(cases, crew, journal)

@@ -1,4 +1,4 @@
-"""A function called for many items on workers: processes of this machine, or any executor."""
+"""A function called for many items on workers: processes, threads, or any executor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from concurrent.futures import (
     Executor,
     Future,
     ProcessPoolExecutor,
-    ThreadPoolExecutor,
     as_completed,
 )
 from contextlib import closing, suppress
@@ -31,8 +30,9 @@ from fx_beam import mpi
 from fx_beam.errors import SceneError, StepError, is_whole, require
 from fx_beam.motions.surroundings import in_sweep
 from fx_beam.scene.functions import ArrayCalls
+from fx_beam.step.interrupts import Threads
 
-# Largest number of processes.
+# Largest number of processes or threads.
 _MOST = 10_000
 # One thread a worker, whatever BLAS there is; read when numpy is imported.
 _ONE_THREAD = dict.fromkeys(
@@ -78,12 +78,21 @@ def _tried(function: Callable, *arguments: Any, errors: Any = (Exception, System
         return Outcome(None, np.nan, _sentence(error))
 
 
-def open_workers(function: Callable, executor: Any, timeout: float | None = None) -> Workers:
+def open_workers(
+    function: Callable, executor: Any, timeout: float | None = None, threads: int | None = None
+) -> Workers:
     """Workers of an executor; None: here, one after another; a number: so many processes.
 
-    The first item of all runs alone, so that it compiles for all. Nothing is started before it. An
-    item that takes longer than `timeout` [s] is ended, with its process.
+    Or so many `threads` of this process. The first item of all runs alone, so that it compiles for
+    all. Nothing is started before it. An item that takes longer than `timeout` [s] is ended, with
+    its process.
     """
+    if threads is not None:
+        expected = f"a whole number from 1 to {_MOST}"
+        require(is_whole(threads, 1, _MOST), "threads", threads, expected)
+        if executor is not None or timeout is not None:
+            raise SceneError("threads are those of this process: give no executor, and no timeout")
+        return _OnThreads(int(threads), function)
     if executor is None:
         return _Here(function)
     if is_whole(executor, 1, _MOST):
@@ -215,6 +224,18 @@ def _is_finished(future: Future) -> bool:
     return not isinstance(error, KeyboardInterrupt | BrokenExecutor)
 
 
+class _OnThreads(_OnExecutor):
+    """Threads of this process."""
+
+    def __init__(self, number: int, function: Callable):
+        self._executor = Threads(number)
+        super().__init__(self._executor.submit, function)
+
+    def close(self) -> None:
+        """Wait for the items that are being called."""
+        self._executor.shutdown(cancel_futures=True)
+
+
 # -- Processes of this machine -------------------------------------------------------------------
 
 
@@ -226,7 +247,7 @@ class _OnProcesses(_OnExecutor):
     """
 
     def __init__(self, number: int, function: Callable, timeout: float | None):
-        self._threads = ThreadPoolExecutor(number)
+        self._threads = Threads(number)
         super().__init__(lambda *called: self._threads.submit(self._ask, *called), function)
         self._number, self._timeout = number, timeout
         # Each worker has a core of its own: some kernels leave two on one for seconds.

@@ -7,6 +7,8 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
+import time
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -334,11 +336,78 @@ def test_cases_may_be_the_rows_of_a_table_and_rows_are_one_where_pandas_is(threa
         ({"timeout": 0}, "timeout = 0 must be a positive number of seconds"),
         ({"timeout": "1"}, "timeout = '1' must be"),
         ({"timeout": 1, "executor": Executor()}, "timeout = 1 needs processes of this machine"),
+        ({"threads": 0}, "threads = 0 must be a whole number from 1"),
+        ({"threads": 2, "executor": 2}, "give no executor, and no timeout"),
+        ({"threads": 2, "timeout": 1.0}, "give no executor, and no timeout"),
     ],
 )
 def test_what_makes_no_sense_is_refused(change, reason, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert_refused(reason, lambda: fb.sweep(**{"function": square, "cases": [{"x": 1}]} | change))
+
+
+# -- Threads -------------------------------------------------------------------------------------
+
+
+def of_arms(cases, threads):
+    """Rows of a sweep by a local function, without their run times; the threads that it used."""
+
+    def arm(case):
+        return sweep_cases.arm(case) | {"thread": threading.get_ident()}
+
+    rows = fb.sweep(arm, cases, threads=threads)
+    used = {row.pop("thread", None) for row in rows}
+    return [row | {"seconds": None} for row in rows], used - {None}
+
+
+def test_threads_give_what_one_process_gives_and_an_error_costs_its_case(lists):
+    cases = [{"EA": EA, "speed": float(k % 7)} for k in range(20) for EA in (4e7, 8e7)]
+    cases[5]["EA"] = cases[-1]["EA"] = -1.0
+    rows, used = of_arms(cases, 4)
+    expected, one = of_arms(cases, 1)
+    assert rows == expected and 1 < len(used) <= 4 and len(one) == 1
+    assert threading.get_ident() not in used | one
+    wrong = [k for k, row in enumerate(rows) if row["error"]]
+    assert wrong == [5, len(cases) - 1] and "EA = -1.0 must be positive" in rows[5]["error"]
+    for row, case in zip(rows[:4], cases[:4], strict=True):
+        assert {name: row[name] for name in "xy"} == sweep_cases.arm(case)
+
+
+def test_the_first_case_is_alone_and_others_are_at_once(lists):
+    together, alone = threading.Barrier(2, timeout=60), []
+
+    def meet(case):
+        if not alone:
+            alone.append(case)
+            time.sleep(0.2)
+            return len(alone)
+        alone.append(case)
+        together.wait()
+        return 0
+
+    rows = fb.sweep(meet, [{"x": x} for x in range(5)], threads=2)
+    assert [row["result"] for row in rows] == [1, 0, 0, 0, 0] and not any(r["error"] for r in rows)
+
+
+def test_ctrl_c_ends_a_sweep_in_threads_after_the_cases_that_run(tmp_path, lists):
+    called, ended = [], []
+
+    def run(case):
+        called.append(case["x"])
+        if len(called) == 8:
+            os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.01)
+        ended.append(case["x"])
+
+    cases = [{"x": x} for x in range(5000)]
+    with pytest.raises(KeyboardInterrupt) as stop:
+        fb.sweep(run, cases, results=tmp_path / "rows", threads=2)
+    assert sorted(called) == sorted(ended) and 8 <= len(called) < 5000
+    finished = {row["x"] for row in stop.value.rows}
+    assert 0 in finished and finished <= {*called}
+    fb.sweep(run, cases[:20], results=tmp_path / "rows", threads=2)
+    assert {*range(20)} <= {*called}
+    assert all(called.count(x) == 1 for x in finished)
 
 
 # -- Tables one after another --------------------------------------------------------------------
