@@ -19,7 +19,7 @@ import numpy as np
 import fx_beam as fb
 from fx_beam.dual import floats
 from fx_beam.motions.options import Options
-from fx_beam.motions.prepared import Prepared
+from fx_beam.motions.prepared import prepare
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
@@ -80,7 +80,7 @@ class Case:
     """A motion that can be repeated."""
 
     def __init__(self, scene, dt, steps):
-        self.prepared = Prepared(scene, Options(dt=dt, max_halvings=3))
+        self.prepared = prepare(scene, Options(dt=dt, max_halvings=3))
         self.start = self.prepared.first_state(dt, None)
         self.loop, self.times = self.prepared.loop, dt * np.arange(steps + 1)
         self.tape = Tape(self.loop.problem)

@@ -13,7 +13,7 @@ import numpy as np
 import fx_beam as fb
 from fx_beam.laws.interval import Interval
 from fx_beam.motions.options import Options
-from fx_beam.motions.prepared import Prepared
+from fx_beam.motions.prepared import prepare
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.sliders import SlidingJoint
 from fx_beam.step.recorder import Record, Recorder
@@ -215,7 +215,7 @@ def assert_balanced(scene, scheme=None, *, dt, t_end, least=1e-10):
     Its scheme has no sub-steps.
     """
     scheme = scheme or fb.EnergyMomentum()
-    prepared = Prepared(scene, Options(scheme=scheme, max_halvings=0))
+    prepared = prepare(scene, Options(scheme=scheme, max_halvings=0))
     state, times = prepared.first_state(dt, None), dt * np.arange(round(t_end / dt) + 1)
     for number, end_time in enumerate(times[1:]):
         ends, interval = np.array([end_time]), Interval(state.t, float(end_time))
