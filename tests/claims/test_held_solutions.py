@@ -1,15 +1,10 @@
 """Solutions that are kept, and read when others of their program have run, to the digit."""
 
-import threading
-
 import numpy as np
 import pytest
-from registry import ONES, SCENES
 from scenes import pinned_bar
 
 import fx_beam as fb
-
-OTHERS = 1.0 - 0.004 * np.arange(len(ONES))
 
 
 def all_that_is_read(solution):
@@ -27,30 +22,6 @@ def all_that_is_read(solution):
     return arrays
 
 
-def assert_same(values, expected):
-    """The same arrays by name, but for round-off, which a new search for contacts leaves."""
-    assert values.keys() == expected.keys()
-    for key, array in expected.items():
-        size = 1e-13 + 1e-10 * np.nanmax(abs(array), initial=0.0)
-        np.testing.assert_allclose(values[key], array, rtol=0, atol=size, err_msg=key)
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_a_solution_is_read_between_the_steps_of_a_scene_with_other_numbers(name):
-    case, values = SCENES[name], []
-    expected = [all_that_is_read(case.simulate(x)) for x in (ONES, OTHERS)]
-    unread = [case.simulate(ONES)]
-
-    def never(t, y):
-        if t > 2 * case.dt and unread:
-            values.append(all_that_is_read(unread.pop()))
-        return 1.0
-
-    values.append(all_that_is_read(case.simulate(OTHERS, until=never)))
-    for arrays, expected_arrays in zip(values, expected, strict=True):
-        assert_same(arrays, expected_arrays)
-
-
 def bar(EI, elements=4, load=None):
     """A heavy bar that swings on a spring, both of which are the stiffer the larger EI is."""
     section = fb.Section(EA=1e4, GA=1e4, EI=EI, rhoA=1.0, rhoI=0.1)
@@ -63,18 +34,6 @@ def bar(EI, elements=4, load=None):
 
 def motion(EI, **options):
     return fb.simulate(bar(EI, **options), dt=0.01, t_end=0.1)
-
-
-STIFFNESSES = [10.0 + k for k in range(6)]
-
-
-def test_a_list_of_solutions_needs_one_program():
-    solutions = [motion(EI) for EI in STIFFNESSES]
-    assert not any(solution.stats.setup_reason for solution in solutions[1:])
-    for solution, EI in zip(solutions, STIFFNESSES, strict=True):
-        alone = all_that_is_read(motion(EI))
-        for key, array in all_that_is_read(solution).items():
-            np.testing.assert_array_equal(array, alone[key], err_msg=key)
 
 
 def test_a_load_may_read_an_earlier_solution_of_its_own_program():
@@ -92,30 +51,6 @@ def test_a_load_may_read_an_earlier_solution_of_its_own_program():
     expected = fb.simulate(bar(12.0, load=lambda t: 2 * t), dt=0.01, t_end=0.1, tolerance=1e-4)
     assert read == [moment]
     np.testing.assert_array_equal(disturbed.q, expected.q)
-
-
-def test_threads_read_solutions_while_others_of_their_program_run():
-    expected = [all_that_is_read(motion(EI)) for EI in STIFFNESSES]
-    solutions = [motion(EI) for EI in STIFFNESSES]
-    by_thread, going = [[], []], threading.Event()
-
-    def read(arrays_read):
-        going.wait()
-        for solution in solutions:
-            arrays_read.append(all_that_is_read(solution))
-
-    threads = [threading.Thread(target=read, args=(arrays_read,)) for arrays_read in by_thread]
-    for thread in threads:
-        thread.start()
-    going.set()
-    later = [motion(EI) for EI in STIFFNESSES]
-    for thread in threads:
-        thread.join()
-    by_thread.append([all_that_is_read(solution) for solution in later])
-    for arrays_read in by_thread:
-        for arrays, expected_arrays in zip(arrays_read, expected, strict=True):
-            for key, array in arrays.items():
-                np.testing.assert_array_equal(array, expected_arrays[key], err_msg=key)
 
 
 def test_a_response_has_its_own_derivatives_after_a_solution_of_it_was_read():

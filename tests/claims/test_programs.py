@@ -72,16 +72,25 @@ def bytes_of(program) -> dict[str, str]:
 def test_no_run_changes_its_program_or_another_run(name):
     case = SCENES[name]
 
-    def run(x):
-        return fb.simulate(case.build(x), case.scheme(), dt=case.dt, t_end=STEPS * case.dt)
+    def run(x, **options):
+        how = {"dt": case.dt, "t_end": STEPS * case.dt} | options
+        return fb.simulate(case.build(x), case.scheme(), **how)
 
     PROGRAMS.clear()
     first = digest(run(ONES))
     ((_, program),) = PROGRAMS._entries
     before = bytes_of(program)
     solutions = [run(x) for x in (OTHERS, ONES, OTHERS)]
+    unread, read = [run(ONES)], []
+
+    def reading(t, y):
+        if t > 2 * case.dt and unread:  # between the steps of a run with other numbers
+            read.append(digest(unread.pop()))
+        return 1.0
+
+    run(OTHERS, until=reading)
     others, again, last = (digest(solution) for solution in reversed(solutions))
-    assert first == again
+    assert [first] * 2 == [again, *read]
     assert others == last != first
     after = bytes_of(program)
     assert [name for name in before if before[name] != after.get(name)] == []
