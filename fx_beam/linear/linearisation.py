@@ -205,6 +205,15 @@ def _coordinates(scene: Scene) -> list[Coordinate]:
     return joints + [force.on for force in scene.forces_between]
 
 
+def check_finite(stiffness: np.ndarray, forces: np.ndarray, caller: str) -> None:
+    """Refuse a state in which a stiffness or a force is not finite."""
+    if not (np.isfinite(stiffness).all() and np.isfinite(forces).all()):
+        raise SceneError(
+            f"{caller}: a stiffness or a force is not finite in the state: a law of the scene is "
+            "beyond what it can hold there. Take a state beside it, or another form of the law"
+        )
+
+
 def check_unknowns(model: Model, caller: str) -> None:
     """Refuse a scene in which nothing can move."""
     if not len(model.reduction.independent):
@@ -303,6 +312,7 @@ def linearised(
     if reduction.singularity:
         raise SceneError(f"{caller}: {reduction.singularity}. Take a state beside it")
     K, unknowns, G = equations.extended(), reduction.independent, None
+    check_finite(K.system.data, balance.residual, caller)
     if frame is not None:
         G = K.weighted(frame.gyroscopic, reduction).without_equations
         G = G.with_data(np.sqrt(factor) * G.system.data)

@@ -30,6 +30,7 @@ from fx_beam.step.turning_frame import TurningFrame
 from .linearisation import (
     INSTANT,
     check_damping,
+    check_finite,
     check_unknowns,
     dead_loads,
     settled_reference,
@@ -137,6 +138,7 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     model.forms.set_load(factor)
     f, K, C, pushes, stiff, viscous, added = _forces(model, state, strained)
     model.forms.set_load(1.0)
+    check_finite(K.data, f, caller)
     if not factor:  # loads that depend on rates damp, as in `modes`
         _, _, C, _, _, viscous, _ = _forces(model, state)
     mass = model.masses.matrix
