@@ -89,7 +89,8 @@ class HarmonicResponse(OfParameters):
     state : callable, optional
         ``state(scene)`` computes the equilibrium about which the scene vibrates, such as
         ``lambda scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``;
-        by default the reference configuration without loads.
+        by default the reference configuration without loads; if springs are under tension there,
+        what they press has none of their force, with a warning.
     base : (2,) complex, optional
         Amplitudes of the displacement of the base [m], as in `frequency_response`; then the load
         that `build` gives is None.

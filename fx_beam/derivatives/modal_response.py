@@ -83,7 +83,8 @@ class ModalResponse(OfParameters):
     state : callable, optional
         ``state(scene)`` computes the equilibrium about which the scene vibrates, such as
         ``lambda scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``;
-        by default the reference configuration without loads.
+        by default the reference configuration without loads; if springs are under tension there,
+        what they press has none of their force, with a warning.
     damped : bool
         Whether damping counts: then ``w`` is (n, 2), with the damping ratios beside the
         frequencies, as in `modes`.

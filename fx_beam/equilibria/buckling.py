@@ -20,7 +20,7 @@ from fx_beam.step.sparse_lu import LU
 
 from .geometric_stiffness import check_forces, geometric_stiffness
 from .load_steps import LoadStepper
-from .small_loads import SmallLoads, held_at_nodes
+from .small_loads import SmallLoads
 from .static_options import StaticOptions
 from .statics import LoadPath
 
@@ -51,11 +51,12 @@ def buckling(
     scene : Scene
         The scene. The load factor multiplies all loads, including the weight, natural strains,
         prescribed motions and motors; not the forces of springs that are under tension in the
-        reference.
+        scene as it is drawn.
     state : Solution, optional
         An equilibrium at rest, from `static`, with loads that stay, such as prestress or the
         weight: its last row. They are dead loads. The loads of `scene` are then those which
-        increase beside them. By default the reference configuration without loads.
+        increase beside them. By default the equilibrium without loads, to which springs under
+        tension have brought the scene.
     n : int
         Number of load factors; fewer are given if there are fewer positive ones.
     t : float
@@ -100,9 +101,7 @@ def buckling(
 
 
 def _modes(path: LoadPath, n: int) -> BucklingModes:
-    first = path.first_state()
-    if path.from_rest:  # in a state joints have the forces of its loads
-        first = held_at_nodes(path.stepper, first)
+    first = path.unloaded_state()
     path.forcing.keep_start()
     path.stepper.path.held[:] = 0.0  # forces that hold the state do not fade
     check_forces(path.model)

@@ -15,7 +15,7 @@ from fx_beam.step.rounding import warn_of_rounding
 from fx_beam.step.row_steps import histories_of
 
 from .load_steps import LoadStepper
-from .small_loads import SmallLoads, held_at_nodes
+from .small_loads import SmallLoads
 
 
 class _Histories(dict[str, object]):
@@ -33,7 +33,6 @@ def first_order(
 
     Every history is linear in the load factor; energies and work are quadratic.
     """
-    start = held_at_nodes(stepper, start)
     small = SmallLoads("static: linear", stepper, start)
     close, recorder = small.solution, small.recorder
     histories = _Histories(histories_of(recorder))

@@ -133,7 +133,7 @@ class LoadStepper:
         work, gained, rounding = self.energies.work_and_gain(old, new, D)
         # Where a contact closes, the step is shorter than its predictor.
         snapped = softer and work > gained and path.size(D) > path.size(step.predicted)
-        is_far, may_turn = self.deviation > _MAX_DEVIATION, not self.may_be_cut
+        is_far, may_turn = not self.deviation <= _MAX_DEVIATION, not self.may_be_cut
         turns = (is_far or snapped) and may_turn and has_corner(path, old, new, step)
         if is_far and not turns:
             reason = (
@@ -146,7 +146,7 @@ class LoadStepper:
         short = self.may_be_cut or (snapped and not turns)
         allowed = (_SHORT if short else _ON_PATH) * abs(last - first) / 2
         allowed += (_SHORT_OTHER if short else _ON_PATH_OTHER) * abs(other)
-        if abs(gained - work) > allowed + rounding:
+        if not abs(gained - work) <= allowed + rounding:  # nor if it is not finite
             reason = (
                 f"the loads do {work:.3g} J of work in it, but the energy rises by {gained:.3g} J: "
                 "the step is too long or has reached another path"

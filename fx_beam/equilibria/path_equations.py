@@ -152,6 +152,9 @@ class PathEquations:
             values = equations.values
         goal, row = self.loop.forcing.goal, reduction.maps.coupling().T @ (self.weight * normal.D)
         corner = normal.load + row[moved] @ goal
+        if not np.isfinite(values).all():  # against an infinite stiffness nothing moves
+            nowhere = np.full(model.size, np.nan)
+            raise StepFailed("singular", "a stiffness is not finite", nowhere)
         self.bordered.factorise(values, column[independent], row[independent], corner)
         dy, dload = self.bordered.solve(np.append(residual[independent], last))
         w = np.zeros(reduction.columns)

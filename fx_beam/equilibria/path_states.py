@@ -27,6 +27,8 @@ from .settling import Settling
 Start = Solution | Branch | None
 # A scene that cannot follow even this part of its loads, one in so many, may settle instead.
 _SHORTEST = 100
+# Forces that hold the reference, relative to the largest forces at nodes, that are round-off.
+_HELD = 1e-9
 
 
 class PathStates:
@@ -130,6 +132,20 @@ class PathStates:
             self._model.mechanism = f"Static analysis is singular: without loads {part} is free"
         self._path.held = 0 * self._path.held
         return self._settled()
+
+    def unloaded_state(self) -> State:
+        """The equilibrium without loads; from rest that to which springs under tension lead."""
+        state, stepper, held = self.first_state(), self._stepper, self._path.held
+        unit = self._model.units.unknowns[: len(held)]
+        largest = abs(stepper.loop.balance(state, state.t).f * self._model.units.nodes).max()
+        is_held = self._start is None and abs(held * unit).max(initial=0.0) > _HELD * largest
+        self._path.held = 0 * held
+        if not is_held:
+            return state
+        reason = "springs are under tension in the scene as it is drawn"
+        settled = Settling(stepper, reason).settled(state, state.t)
+        gained = stepper.energies.energy(settled) - stepper.energies.energy(state)
+        return settled.changed(work=state.work + gained)
 
     def _from_reference(self) -> State:
         """The reference configuration. Forces that fade hold springs under tension there."""

@@ -138,7 +138,7 @@ class Settling:
         drag_work = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
         self.stepper.motions.note(new, self._loop)
         saddle = new.unstable_modes and moved > _STILL
-        if saddle or work - gained + rounding < _LEAST_WORK * drag_work:
+        if saddle or not work - gained + rounding >= _LEAST_WORK * drag_work:
             raise StepFailed("off the path", "the step goes up", step.D)
         return new, moved
 

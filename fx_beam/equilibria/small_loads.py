@@ -25,25 +25,6 @@ _ACCURATE, _SMALLER, _LESS = 1e-10, 0.01 ** np.arange(4), 0.1
 _NEAREST = 1e-4
 
 
-def held_at_nodes(stepper: LoadStepper, state: State) -> State:
-    """A state at load factor 0 in which springs under tension are held by forces at nodes.
-
-    Forces on unknowns would have a stiffness that depends on which unknowns there are.
-    """
-    path, loop, forcing = stepper.path, stepper.loop, stepper.loop.forcing
-    if not path.held.any():
-        return state
-    forces = loop.balance(state, state.t).r.copy()
-    moves = np.asarray(abs(stepper.motions.coupling()).sum(axis=1) != 0).reshape(-1, 3)
-    moves[:, :2] |= moves[:, 1::-1]  # a node on an arm moves across it first
-    supports = stepper.model.force_columns["reactions"]
-    forces[~moves.ravel() | (supports.ravel() >= 0)] = 0.0
-    forcing.first, forcing.rise = forcing.first + forces, forcing.rise - forces
-    path.held = stepper.residual(state, state.t)
-    left_forces = loop.balance(state, state.t).r
-    return loop.finished(state, Interval(state.t, state.t), 0 * path.held, left_forces)
-
-
 class SmallLoads:
     r"""Displacements u_1 = K_0^-1 f about a state, and states at u = l u_1 under loads l f.
 

@@ -111,12 +111,21 @@ class LoadPath(PathSteps):
         """The equilibrium at load factor 0, from which the loads rise."""
         return PathStates(self.crossings.arc, self._start).first_state()
 
+    def unloaded_state(self) -> State:
+        """The equilibrium without loads: that to which springs under tension bring the scene."""
+        return PathStates(self.crossings.arc, self._start).unloaded_state()
+
+    def unloaded(self) -> Solution:
+        """The solution of one row without loads."""
+        self._clock = time.perf_counter()
+        return self._solution([self.unloaded_state()])
+
     def first_order(self) -> Solution:
-        """The solution by small displacements about the reference."""
+        """The solution by small displacements about the equilibrium without loads."""
         if self.model.mechanism:
             raise SceneError(f"{self.model.mechanism}: it has no first-order equilibrium")
         self._clock = time.perf_counter()
-        start = self.first_state()
+        start = self.unloaded_state()
 
         def end(last: State) -> State:
             return replace(last, t=self.forcing.time, loads=self.forcing.dead(1.0), length=0.0)
@@ -215,6 +224,13 @@ def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:
             "(branch); or place the parts, or a small load, a little to one side",
             *(last.t, count, "grows" if count == 1 else "grow"),
         )
+
+
+def unloaded(scene: Scene, caller: str) -> Solution | None:
+    """The equilibrium of a scene without loads, in a solution of one row; None of a mechanism."""
+    path = LoadPath(scene, StaticOptions(what=caller), None)
+    solution = None if path.mechanism else path.unloaded()
+    return None if path.mechanism else solution
 
 
 def path_of(solution: object, scene: Scene) -> LoadPath | None:
@@ -347,8 +363,9 @@ def static(
         last row but one.
     linear : bool
         Whether to compute the first-order answer of a frame program instead: small displacements
-        about the reference, with equilibrium in the undeformed shape. The solution has two rows,
-        without loads and with all loads; displacements, reactions, resultants and diagrams are
+        about the reference, or about the equilibrium without loads to which springs under tension
+        bring it, with equilibrium in this shape. The solution has two rows, without loads and with
+        all loads; from the first on displacements, reactions, resultants and diagrams are
         proportional to the load factor, energies and work to its square. Friction of joints does
         not act. Without `start`, `spin` and `continuation`.
 

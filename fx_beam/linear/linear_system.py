@@ -416,7 +416,8 @@ def linearise(
     state : Solution or Motion, optional
         Where: the last row of a static solution, which may turn, or of a motion over time with its
         velocities, or the present state of a `Motion`, each with its values of the inputs. By
-        default the reference configuration at rest without loads, as for `modes`.
+        default the reference configuration at rest without loads, or the equilibrium to which
+        springs under tension bring it, as for `modes`.
     inputs : sequence of str, optional
         Names of inputs of the scene; by default all.
     outputs : dict, optional

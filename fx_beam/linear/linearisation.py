@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,8 @@ import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.coupling.column_map import ColumnMap
-from fx_beam.errors import SceneError, require, warn_once
+from fx_beam.equilibria.statics import unloaded
+from fx_beam.errors import SceneError, StepError, require, warn_once
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import Equilibrium, MidPoint
 from fx_beam.motions.initial_state import rates_of_columns, reference_state
@@ -38,6 +40,7 @@ from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 INSTANT = 1e-9
 # Round-off of a mass or a damping of a combination of unknowns, relative to the largest.
 _NOTHING = 1e-12
+_STRAINED = "the reference is no equilibrium, as springs are strained there"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,7 @@ class Linearisation:
     #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
     frame: TurningFrame | None
     coriolis: Extended | None
-    #: Load factor of forces that depend on rates; 1 without a state.
+    #: Load factor of forces that depend on rates; 1 without loads.
     factor: float
     #: Models by name of a response, which get the numbers of the next scene; else None.
     models: dict[str, Model] | None
@@ -202,6 +205,15 @@ def _coordinates(scene: Scene) -> list[Coordinate]:
     return joints + [force.on for force in scene.forces_between]
 
 
+def check_finite(stiffness: np.ndarray, forces: np.ndarray, caller: str) -> None:
+    """Refuse a state in which a stiffness or a force is not finite."""
+    if not (np.isfinite(stiffness).all() and np.isfinite(forces).all()):
+        raise SceneError(
+            f"{caller}: a stiffness or a force is not finite in the state: a law of the scene is "
+            "beyond what it can hold there. Take a state beside it, or another form of the law"
+        )
+
+
 def check_unknowns(model: Model, caller: str) -> None:
     """Refuse a scene in which nothing can move."""
     if not len(model.reduction.independent):
@@ -300,6 +312,7 @@ def linearised(
     if reduction.singularity:
         raise SceneError(f"{caller}: {reduction.singularity}. Take a state beside it")
     K, unknowns, G = equations.extended(), reduction.independent, None
+    check_finite(K.system.data, balance.residual, caller)
     if frame is not None:
         G = K.weighted(frame.gyroscopic, reduction).without_equations
         G = G.with_data(np.sqrt(factor) * G.system.data)
@@ -314,14 +327,30 @@ def linearised(
         start=start,
         frame=frame,
         coriolis=G,
-        factor=1.0 if state is None else factor,
+        factor=factor or 1.0,
         models=models,
     )
     # The largest work of a force at a node in a unit motion of the scene [J].
     largest = max(abs(part * model.units.nodes).max() for part in (balance.f, balance.r, force))
-    if not is_held:
-        _check_equilibrium(about, state, balance.residual[unknowns], largest, caller)
-    return about
+    if is_held or _is_equilibrium(about, state, balance.residual[unknowns], largest, caller):
+        return about
+    settled = settled_reference(scene, caller, models is None)
+    return about if settled is None else linearised(scene, settled, caller)
+
+
+def settled_reference(scene: Scene, caller: str, settles: bool = True) -> Solution | None:
+    """The equilibrium without loads to which springs under tension bring a scene, if it `settles`.
+
+    None of a mechanism, which has none. A warning tells both.
+    """
+    solution = None
+    with suppress(SceneError, StepError):
+        solution = unloaded(scene, caller) if settles else None
+    told = "The state is the equilibrium without loads to which they bring it"
+    if solution is None:
+        told = "What they press has none of their force. Give a state, such as static(scene)"
+    warn_once(f"{caller}: {_STRAINED}. {told}")
+    return solution
 
 
 def _without_round_off(M: Extended, unit: np.ndarray) -> Extended:
@@ -383,17 +412,16 @@ _ADVICE = (
 )
 
 
-def _check_equilibrium(
+def _is_equilibrium(
     about: Linearisation,
     state: Solution | None,
     unbalanced: np.ndarray,
     largest: float,
     caller: str,
-) -> None:
-    """Refuse a state in whose last row rates are left, or forces of the unknowns.
+) -> bool:
+    """Whether the reference is in balance; SceneError for a state that is not, or moves on.
 
-    Of the reference warn. The `largest` work of a force in a unit motion [J] says how many are
-    round-off.
+    The `largest` work of a force in a unit motion [J] says which forces are round-off.
     """
     model = about.model
     unit = about.unit
@@ -402,13 +430,9 @@ def _check_equilibrium(
     if left.max() <= _BALANCED * largest + rounding:
         if state is not None and not state.stats.static:
             _check_rest(about, state, caller)
-        return
+        return True
     if state is None:
-        warn_once(
-            f"{caller}: the reference is no equilibrium, as springs are strained there: small "
-            "motions depend on the unknowns that describe them. Give state=static(scene)"
-        )
-        return
+        return False
     worst = int(left.argmax())
     moved = (abs(about.T[:, [worst]].toarray()[:, 0]) / model.units.nodes).reshape(-1, 3)
     if moved[:, 2].any():  # a rotation, which may move other nodes

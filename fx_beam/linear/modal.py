@@ -260,9 +260,10 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
         The scene.
     state : Solution, optional
         A solution whose last row is the configuration, an equilibrium, at rest or in a steady turn
-        (``static(scene, spin=...)``); by default the reference configuration without loads, with a
-        warning if springs are strained there. It may be a solution of another scene with the same
-        nodes, such as one in which a mechanism is supported.
+        (``static(scene, spin=...)``); by default the reference configuration without loads, or,
+        with a warning, the equilibrium to which springs under tension bring it. It may be a
+        solution of another scene with the same nodes, such as one in which a mechanism is
+        supported.
     n : int
         Number of modes; fewer are returned if the scene has fewer degrees of freedom with mass.
     damping : bool

@@ -27,7 +27,15 @@ from fx_beam.step.model import Model
 from fx_beam.step.state_values import slide_rates, start_of
 from fx_beam.step.turning_frame import TurningFrame
 
-from .linearisation import INSTANT, check_damping, check_unknowns, dead_loads, turning_frame_of
+from .linearisation import (
+    INSTANT,
+    check_damping,
+    check_finite,
+    check_unknowns,
+    dead_loads,
+    settled_reference,
+    turning_frame_of,
+)
 
 _log = logging.getLogger("fx_beam")
 
@@ -54,6 +62,8 @@ _MOMENT, _OF_TIME, _AT_ZERO, _KINK, _ROUNDING = 1e-3, 1e-9, 1e-6, 1e-3, 1e-13
 # Least step of second differences of driven motions, relative to the time: they would be round-off
 # where the last step of a motion is very short.
 _BENT = 1e-8
+# Forces without balance in the reference, relative to the largest, that are no round-off.
+_UNBALANCED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +138,15 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     model.forms.set_load(factor)
     f, K, C, pushes, stiff, viscous, added = _forces(model, state, strained)
     model.forms.set_load(1.0)
-    if solution is None:  # loads that depend on rates damp, as in `modes`
+    check_finite(K.data, f, caller)
+    if not factor:  # loads that depend on rates damp, as in `modes`
         _, _, C, _, _, viscous, _ = _forces(model, state)
     mass = model.masses.matrix
     dead = dead_loads(model, state, factor, frame, added)
+    if solution is None and _are_unbalanced(model, T.T @ f + S.T @ pushes, f):
+        settled = settled_reference(scene, caller)
+        if settled is not None:
+            return deviations(scene, settled, caller)
     if frame is not None:
         dead += factor * frame.force(state.q)
         K = K - factor * frame.spin**2 * frame.mass
@@ -161,6 +176,14 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
         frame=frame,
         factor=factor,
     )
+
+
+def _are_unbalanced(model: Model, forces: np.ndarray, nodal_forces: np.ndarray) -> bool:
+    """Whether forces (columns,) on unknowns are more than round-off of those at nodes (size,)."""
+    free = model.reduction.independent
+    largest = abs(nodal_forces * model.units.nodes).max(initial=0.0)
+    left = abs(forces[: len(free)] * model.units.unknowns[free])
+    return bool(left.max(initial=0.0) > _UNBALANCED * largest)
 
 
 def _warn_of_turn(

@@ -64,6 +64,11 @@ class ModeFamily:
                 "vibrates, such as state=fx_beam.static(scene)"
             )
         linear = linearised(scene, state, caller)
+        if state is None and linear.start.q.any():
+            raise SceneError(
+                f"{caller}: springs are under tension in the scene as it is drawn. Give the "
+                "equilibrium about which the mode vibrates, such as state=fx_beam.static(scene)"
+            )
         omega, rigid, vectors = linear.undamped_modes.lowest(mode + 1)
         if mode >= len(omega) or rigid[mode] or omega[mode] <= 0:
             raise SceneError(

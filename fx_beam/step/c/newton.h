@@ -234,6 +234,11 @@ static void note_rounding(const Tables *p, const Numbers *s, Work *w, double siz
     if (fabs(w->correction[i] * s->per_unit[i]) == size) w->counts.left_at = i;
 }
 
+/* Whether all stiffnesses and forces of the last correction are finite: against an infinite stiffness nothing moves. */
+HOT int is_finite(const Tables *p, const Work *w) {
+  return isfinite(largest(p->tangent.stored, w->tangent, 0)) && isfinite(largest(p->dofs, w->f, 0));
+}
+
 /* Instead of the order of a prediction: from the unknowns as they are. */
 enum { GO_ON = -1 };
 
@@ -302,6 +307,7 @@ static int iterations_of(const Tables *p, const Numbers *s, Work *w, const doubl
     work = along_step(p, w);
     int end = judge(p, s, w, &convergence, iteration, size, shortened, work, rest);
     if (end) { /* forces of supports and joints, to first order */
+      if (!is_finite(p, w)) return SINGULAR;
       corrected_forces(p, s->points, w, p->tangent.reacting, p->tangent.reacts);
       memcpy(w->r, w->scratch, n * sizeof(double));
     }
