@@ -194,7 +194,8 @@ class SceneForces:
             if force.force is not None:
                 law = self._shared(laws.pull, kind, force.functions, force.force)
                 arguments = law.over(moves) if moves else law, [*apart, 1.0], dofs
-                yield PointForce(*arguments, role=Role.EXTERNAL, line=force.number)
+                owner = str(force)
+                yield PointForce(*arguments, role=Role.EXTERNAL, owner=owner, line=force.number)
 
     def _length(self, force: Any) -> tuple[CoordinateKind, list[Any], list[int]]:
         """Kind of the length of a line, with its numbers and degrees of freedom."""

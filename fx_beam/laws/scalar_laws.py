@@ -107,16 +107,22 @@ def _point_law(
         )
         return moving._replace(still=still)
 
+    def with_counters(motion: ForceStep) -> StepForces:
+        given = forces(here := step(motion))
+        return given._replace(internal=[*given.internal, *here.x.counters])
+
     pull = motion_function(lambda step: side * forces(step).pull)
+    options["internal"] = options.get("internal", 0) + kind.counters
     return PointLaw(
         f"{name} on {kind.name}",
         kind.size,
         kind.numbers + numbers,
-        motion_function(forces),
+        with_counters,
         energy and motion_function(energy),
         loss and motion_function(loss),
         switches and motion_function(switches),
         pull=pull if kind.is_line else None,
+        counters=kind.counters,
         **options,
     )
 
@@ -159,7 +165,7 @@ def stored_energy(
     def variables(step: _Step) -> tuple[Expr, Expr, Expr]:
         """Internal variables at both ends of the step, and shortly after its start."""
         x0, x1 = ends(step)
-        old = ufl.as_vector(step.motion.internal or [0.0])
+        old = ufl.as_vector(step.motion.internal[:count] or [0.0])
         if not internal or step.motion.rule.instant:
             return old, old, old
         return evolved(internal, old, (x0,), (x1,), step.motion.dt, step.motion.rule.at_rest)

@@ -156,7 +156,9 @@ class ForceBetween:
         """
         return [(numbers[2 * i] + x, numbers[2 * i + 1] + y) for i, (x, y) in enumerate(moved)]
 
-    def length(self, numbers: Any, moved: Sequence, turned: Sequence) -> Any:
+    def length(
+        self, numbers: Any, moved: Sequence, turned: Sequence, counted: np.ndarray | None = None
+    ) -> Any:
         """The sum of distances, or of free spans and arcs.
 
         Parameters
@@ -168,6 +170,8 @@ class ForceBetween:
             slopes.
         turned : (first, last)
             Rotations of drums at both ends [rad].
+        counted : (..., points - 1) float, optional
+            Half turns that the spans of a rope over pulleys have turned [rad].
 
         Returns
         -------
