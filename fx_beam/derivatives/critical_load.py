@@ -72,7 +72,9 @@ class CriticalLoad:
             )
         self._linear = linear = linearised(scene, state, _WHAT)
         start, beams = linear.start, linear.model.forms.beams
-        flowed = any(x is not None and x.any() for x in (start.internal, start.spring_internal))
+        flowed = linear.model.kinks.flows and any(
+            x is not None and x.any() for x in (start.internal, start.spring_internal)
+        )
         if flowed or (beams is not None and beams.has_external):
             reason = "material flows on the path" if flowed else "added virtual works have none"
             raise SceneError(f"{_WHAT}: no derivatives: {reason}")

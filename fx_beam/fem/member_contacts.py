@@ -15,7 +15,7 @@ from fx_beam.errors import SceneError
 from fx_beam.laws import scalar_laws as laws
 from fx_beam.laws.member_gap import FOLLOWED, FOLLOWED_WITH_FRICTION, MEMBER, MEMBER_WITH_FRICTION
 from fx_beam.laws.point_laws import PointLaw, StepRule
-from fx_beam.scene.beam import Beam
+from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact, arc_of, points_of
 from fx_beam.scene.coordinate import friction_numbers, numbers_of_loss
 from fx_beam.scene.joints import GROUND
@@ -71,6 +71,26 @@ def _is_closed(scene: Scene, beam: Beam) -> bool:
     return bool(part[start.number + 1] == part[end.number + 1])
 
 
+def _check_rolling(scene: Scene, contact: Contact) -> None:
+    """SceneError for friction on a node with a radius that may turn: its surface would not turn."""
+    node, radii = contact.target, contact.radius
+    if contact.friction is None or not isinstance(node, Node) or not isinstance(radii, tuple):
+        return
+    held = any(number == node.number and component == 2 for number, component in scene.fixed)
+    for joint in scene.joints:
+        ends = joint.a.number, joint.b.number
+        is_on_ground = GROUND.number in ends and node.number in ends
+        held |= is_on_ground and "rotation" not in joint.coordinates
+    if radii[0] > 0 and not held:
+        raise SceneError(
+            f"{contact}: the node has the radius {radii[0]:g} and friction and may turn, but its "
+            "surface does not turn with the node: it would slide or stick like a block, not roll. "
+            "Let the member touch the wheel: add_contact(beam, fx_beam.Circle(node, "
+            f"{radii[0]:g}), radius=half of the thickness, ...). Or fix its rotation, or give the "
+            "radius 0"
+        )
+
+
 def member_pairs(
     scene: Scene, mesh: Mesh, X: np.ndarray, mobility: np.ndarray, at_rest: bool
 ) -> list[MemberPair]:
@@ -81,6 +101,7 @@ def member_pairs(
     pairs, first = list[MemberPair](), 0
     for contact in scene.contacts:
         if isinstance(contact.shape, Beam):
+            _check_rolling(scene, contact)
             pairs += _both_directions(contact, scene, mesh, X, mobility, first, at_rest)
             first += len(contact.points.lengths)
     return pairs

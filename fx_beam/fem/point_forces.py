@@ -90,6 +90,11 @@ class PlacedForce(NamedTuple):
         """Places of its internal variables."""
         return self.first_internal + np.arange(self.law.law.internal)
 
+    @property
+    def counters(self) -> np.ndarray:
+        """Places of its counters."""
+        return self.variables[self.law.law.internal - self.law.law.counters :]
+
     def members(self, at_rest: bool) -> dict[str, object]:
         """The force as ``PointForce`` of c/point_force.h, whose scheme may be static."""
         force, law, point_law = self.force, self.law, self.law.law
@@ -282,6 +287,11 @@ class PointForces:
         """Internal variables that are forces of joints, which friction follows in a step."""
         following = (placed for placed in self.placed if placed.force.load.joint >= 0)
         return np.array([placed.first_internal + 2 for placed in following], dtype=int)
+
+    @property
+    def flows(self) -> bool:
+        """Whether there are internal variables that do not only count."""
+        return self.width > sum(placed.law.law.counters for placed in self.placed)
 
     @property
     def owners(self) -> np.ndarray:

@@ -27,12 +27,15 @@ from fx_beam.laws.point_laws import (
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.coordinate import (
+    Coordinate,
     Coulomb,
+    Damper,
     SmoothFriction,
     friction_numbers,
     functions_of,
     numbers_of_loss,
 )
+from fx_beam.scene.forces_between import RopeSpring
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import functions_of_energy
 from fx_beam.scene.loads import damping_of
@@ -191,7 +194,8 @@ class SceneForces:
             if force.force is not None:
                 law = self._shared(laws.pull, kind, force.functions, force.force)
                 arguments = law.over(moves) if moves else law, [*apart, 1.0], dofs
-                yield PointForce(*arguments, role=Role.EXTERNAL, line=force.number)
+                owner = str(force)
+                yield PointForce(*arguments, role=Role.EXTERNAL, owner=owner, line=force.number)
 
     def _length(self, force: Any) -> tuple[CoordinateKind, list[Any], list[int]]:
         """Kind of the length of a line, with its numbers and degrees of freedom."""
@@ -226,6 +230,10 @@ class SceneForces:
         self, coordinate: Any, kind: CoordinateKind
     ) -> Iterator[tuple[PointLaw, list[float]]]:
         """Laws of a coordinate, and their numbers."""
+        has_losses = not self._at_rest and (coordinate.damper or coordinate.friction)
+        if has_losses and isinstance(coordinate.spring, RopeSpring):
+            yield self._rope_law(coordinate, kind)
+            coordinate = Coordinate(stop=coordinate.stop)
         spring, stop, friction = coordinate.spring, coordinate.stop, coordinate.friction
         damper = None if self._at_rest else coordinate.damper
         k, rest = (spring.stiffness, spring.rest) if spring else (0.0, 0.0)
@@ -251,6 +259,20 @@ class SceneForces:
                 yield shared(laws.friction, friction.force), [friction.speed]
             else:
                 yield _once(laws.friction, kind), [friction.speed, friction.force]
+
+    def _rope_law(self, coordinate: Any, kind: CoordinateKind) -> tuple[PointLaw, list[float]]:
+        """Law and numbers of a rope that only pulls, with a damper or friction."""
+        spring, friction = coordinate.spring, coordinate.friction
+        damper = coordinate.damper or Damper()
+        force = friction and friction.force
+        kinds = damper.law is None, friction is None, callable(force)
+        numbers = [damper.viscosity]
+        if friction:
+            numbers += [friction.speed, 0.0 if callable(force) else force]
+            force = force if callable(force) else 0.0
+        functions = [*kinds, *functions_of(coordinate)]
+        facts = spring.slope, spring.length, damper.law, force
+        return self._shared(laws.rope, kind, functions, *facts), numbers
 
 
 def _place_on(joint: Joint, coordinate: str) -> tuple[CoordinateKind, dict[str, Any]]:

@@ -118,6 +118,8 @@ class PointLaw:
     #: Number of internal variables, and of what iterations remember.
     internal: int = 0
     iteration_memory: int = 0
+    #: How many internal variables, the last ones, only count, and do not flow.
+    counters: int = 0
     #: Whether it has functions of a user, which may have changed since another scene.
     user_defined: bool = False
     #: Whether it is one-sided: a contact that opens.
@@ -181,6 +183,8 @@ class StepCoordinate(NamedTuple):
     path: Expr
     #: Rate at the start.
     rate: Expr
+    #: Counters at the end of the step.
+    counters: Sequence[Expr] = ()
 
     def beyond(self, limit: Expr, sign: float) -> StepCoordinate:
         """The distance from a limit, on the side of a sign."""
@@ -302,6 +306,8 @@ class CoordinateKind(NamedTuple):
     starts_at_zero: bool = False
     #: Whether it is the length of a line between points, whose pull is recorded.
     is_line: bool = False
+    #: Number of internal variables that only count, as the half turns of a span.
+    counters: int = 0
     #: The slip, from the motion, increments and numbers; None without friction of contact.
     slip: Callable[[ForceStep, Sequence[Expr], Sequence[Expr]], Slip] | None = None
 

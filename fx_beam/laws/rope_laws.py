@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -20,6 +21,9 @@ from .point_laws import (
     way,
 )
 
+# Angle of a span from which half a turn is counted [rad].
+_COUNTED = 2.0
+
 
 class _Span(NamedTuple):
     """A free span between circles over a step, by the vector d between its centres.
@@ -34,9 +38,11 @@ class _Span(NamedTuple):
     #: Vectors whose products with the increment of d are exactly that of F, and 2 `turn`.
     along: list[Expr]
     turning: list[Expr]
-    #: Tan of half the increment of the angle, and the angle since the reference.
+    #: Tan of half the increment of the angle, the angle since the reference, and half turns that it
+    #: is measured from, in rad, at the end.
     turn: Expr
     angle: Expr
+    counted: Expr
     #: Unit vectors along the span at both ends of the step.
     ends: tuple[list[Expr], list[Expr]]
 
@@ -50,7 +56,7 @@ def _half(a: Sequence[Expr], b: Sequence[Expr], size: Expr) -> Expr:
     return _across(a, b) / (size + dot(a, b))
 
 
-def _span(apart: list[Expr], moved: list[Expr], D: list[Expr], q: Expr) -> _Span:
+def _span(apart: list[Expr], moved: list[Expr], D: list[Expr], q: Expr, counted: Expr) -> _Span:
     d0 = add(apart, 1.0, moved)
     d1 = add(d0, 1.0, D)
     size0, size1, at_rest = (ufl.sqrt(dot(d, d) + TINY) for d in (d0, d1, apart))
@@ -68,13 +74,18 @@ def _span(apart: list[Expr], moved: list[Expr], D: list[Expr], q: Expr) -> _Span
     quotient = sum_of_sizes / (t0 + t1) * (1 - q * q / (size0 * size1) * ratio)
     turn = _across(d0, D) / (size0 * size1 + dot(d0, d1))
     lean = turn * longer / sum_of_sizes
+    sign = ufl.cos(counted)  # of the direction from which the angle is measured
+    since = 2 * ufl.atan(_half([sign * x for x in apart], d0, at_rest * size0))
+    ahead = since + 2 * ufl.atan(turn)
+    passed = ufl.conditional(ufl.gt(abs(ahead), _COUNTED), math.pi * ufl.sign(ahead), 0.0)
     return _Span(
         t0 + q * ufl.asin(q / size0),
         quotient * longer,
         [quotient / sum_of_sizes * x for x in arm_sum],
         [(lean * mean[0] - mean[1]) / square, (lean * mean[1] + mean[0]) / square],
         turn,
-        2 * ufl.atan(_half(apart, d0, at_rest * size0)),
+        counted + since,
+        counted + passed,
         (_along(d0, size0, t0, q), _along(d1, size1, t1, q)),
     )
 
@@ -109,7 +120,9 @@ def rope_over(kinds: str) -> CoordinateKind:
         (moved, turned), (ways, turns), (rates, spins) = map(parts, (motion.start, D, motion.rates))
         apart = [[*numbers[2 * i : 2 * i + 2]] for i in range(count - 1)]
         steps = [radii[i] - radii[i + 1] for i in range(count - 1)]
-        spans = [_span(*arguments) for arguments in zip(apart, moved, ways, steps, strict=True)]
+        counted = motion.internal[-len(apart) :]
+        arguments = zip(apart, moved, ways, steps, counted, strict=True)
+        spans = [_span(*of_span) for of_span in arguments]
         start, path = (total([getattr(span, name) for span in spans]) for name in ("start", "path"))
         pulls = [span.along for span in spans]
         moments = [ufl.as_ufl(0.0)] * count
@@ -122,10 +135,8 @@ def rope_over(kinds: str) -> CoordinateKind:
             half_a = ufl.atan(a) if has_last else turns[i] / 2
             half_b = ufl.atan(b) if has_next else turns[i] / 2
             x = half_b - half_a
-            bent = angle_b - angle_a
-            if has_last and has_next:  # it is within half a turn of that at the start
-                bent = 2 * ufl.atan(tan(bent / 2))
-            start, path = start + r * (arcs[i] + bent), path + 2 * r * x
+            start = start + r * (arcs[i] + (angle_b - angle_a))
+            path = path + 2 * r * x
             share = r * tangent_quotient(a, b, x)
             for k, side in ((i, share), (i - 1, -share)):
                 if 0 <= k < count - 1:
@@ -149,7 +160,9 @@ def rope_over(kinds: str) -> CoordinateKind:
             along += [moments[i]] * (size == 3)
         rate = total([dot(span.ends[0], v) for span, v in zip(spans, rates, strict=True)])
         rate = rate - radii[0] * spins[0] + radii[-1] * spins[-1]
-        return StepCoordinate(start, start + path, along, along, path, rate)
+        ends = [span.counted for span in spans]
+        return StepCoordinate(start, start + path, along, along, path, rate, ends)
 
     size, count_of_numbers = sum(sizes), 2 * count - 2 + 2 * len(circles)
-    return CoordinateKind(f"a rope over {kinds}", size, count_of_numbers, length, is_line=True)
+    name, spans = f"a rope over {kinds}", count - 1
+    return CoordinateKind(name, size, count_of_numbers, length, is_line=True, counters=spans)

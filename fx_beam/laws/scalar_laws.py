@@ -107,16 +107,22 @@ def _point_law(
         )
         return moving._replace(still=still)
 
+    def with_counters(motion: ForceStep) -> StepForces:
+        given = forces(here := step(motion))
+        return given._replace(internal=[*given.internal, *here.x.counters])
+
     pull = motion_function(lambda step: side * forces(step).pull)
+    options["internal"] = options.get("internal", 0) + kind.counters
     return PointLaw(
         f"{name} on {kind.name}",
         kind.size,
         kind.numbers + numbers,
-        motion_function(forces),
+        with_counters,
         energy and motion_function(energy),
         loss and motion_function(loss),
         switches and motion_function(switches),
         pull=pull if kind.is_line else None,
+        counters=kind.counters,
         **options,
     )
 
@@ -159,7 +165,7 @@ def stored_energy(
     def variables(step: _Step) -> tuple[Expr, Expr, Expr]:
         """Internal variables at both ends of the step, and shortly after its start."""
         x0, x1 = ends(step)
-        old = ufl.as_vector(step.motion.internal or [0.0])
+        old = ufl.as_vector(step.motion.internal[:count] or [0.0])
         if not internal or step.motion.rule.instant:
             return old, old, old
         return evolved(internal, old, (x0,), (x1,), step.motion.dt, step.motion.rule.at_rest)
@@ -276,6 +282,76 @@ def joint_friction(kind: CoordinateKind) -> PointLaw:
         internal=3,
         iteration_memory=REMEMBERED,
         has_stick_state=True,
+    )
+
+
+# -- Ropes --------------------------------------------------------------------------------------
+
+
+def rope(
+    kind: CoordinateKind,
+    stiffness: Expr,
+    length: Expr,
+    law: Callable[[Expr], Expr] | None = None,
+    friction: float | Callable[[Expr], Expr] | None = None,
+) -> PointLaw:
+    """A rope that pulls beyond a length, with what resists its rate while it is taut.
+
+    Numbers: viscosity; of friction, which may be a function of the rate, its speed and F.
+    """
+    # The tension is max(0, T + s D): s is the taut share of the lengthening, so that D does work on
+    # the stretch e alone. T = k s (e0 + e1) / 2 is stored, and the loss is not negative.
+
+    def elastic(step: _Step, level: float) -> tuple[Expr, Expr]:
+        """The stored part of the tension at a level, and the share of the step that is taut."""
+        x0, x1 = step.x.start - length, step.x.end - length
+        e0, e1 = _depth(-x0), _depth(-x1)
+        crosses, taut = ufl.lt(x0 * x1, 0), ufl.conditional(ufl.gt(e0 + e1, 0), 1.0, 0.0)
+        quotient = (e1 - e0) / ufl.conditional(crosses, x1 - x0, 1.0)
+        share = ufl.conditional(crosses, quotient, taut)
+        stretch = share * (e0 + e1) / 2 if level == 0.5 else (1 - level) * e0 + level * e1
+        return stiffness * stretch, share
+
+    def resistance(step: _Step, rate: Expr, sign: Expr) -> Expr:
+        """What resists a rate of the rope while it is taut."""
+        force = step.numbers[0] * rate
+        if law is not None:
+            force += law(rate)
+        if friction is not None:
+            force += sign * (friction(rate) if callable(friction) else step.numbers[2])
+        return force
+
+    def tension(stored: Expr, share: Expr, resisting: Expr) -> Expr:
+        total = stored + share * resisting
+        return ufl.conditional(ufl.gt(total, 0), total, 0.0)
+
+    def forces(step: _Step) -> StepForces:
+        sign, memory = (0.0, []) if friction is None else step.sign(step.numbers[1])
+        resisting = resistance(step, step.rate, sign)
+        pull = tension(*elastic(step, step.motion.rule.level), resisting)
+        return step.forces(pull, iteration_memory=memory)
+
+    def energy(step: _Step) -> Expr:
+        stretch = _depth(length - step.x.start)
+        return stiffness / 2 * stretch * stretch
+
+    def loss(step: _Step) -> Expr:
+        sign = 0.0 if friction is None else ufl.tanh(step.mean / step.numbers[1])
+        stored, share = elastic(step, 0.5)
+        resisting = resistance(step, step.mean, sign)
+        return (tension(stored, share, resisting) - stored) * step.x.path
+
+    return _point_law(
+        kind,
+        "rope",
+        1 if friction is None else 3,
+        forces,
+        energy,
+        loss,
+        lambda step: [step.x.start - length],
+        iteration_memory=0 if friction is None else REMEMBERED,
+        user_defined=True,
+        needs_line_search=True,
     )
 
 

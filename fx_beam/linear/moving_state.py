@@ -362,7 +362,7 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     # In an instant strains of round-off would have large rates, and damping hides the stiffness.
     h = _SHORT / max(size, _REST)
     f, ahead, pushes, slides_ahead = step(h)
-    if state.internal is not None or state.spring_internal is not None:
+    if model.kinks.flows:
         K, stiff = 2 * (ahead - C / h), 2 * (slides_ahead - viscous / h)
     else:  # damping over the length has the opposite sign in a step back
         _, back, _, slides_back = step(-h)

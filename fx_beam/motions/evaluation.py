@@ -130,6 +130,7 @@ def solution_of(
         variables_of_contact={}
         if spring_rows is None
         else _variables_of_contact(model, spring_rows),
+        turns_of_line={} if spring_rows is None else _turns_of_line(model, spring_rows),
         stability=stability,
     )
 
@@ -187,6 +188,12 @@ def _variables_of_contact(model: Model, rows: np.ndarray) -> dict[int, np.ndarra
 
         variables |= friction_of_members(model.points, rows)
     return variables
+
+
+def _turns_of_line(model: Model, rows: np.ndarray) -> dict[int, np.ndarray]:
+    """Half turns (n, spans) of the spans of ropes over pulleys [rad], by the number of the rope."""
+    counting = (placed for placed in model.points.placed if placed.law.law.counters)
+    return {placed.force.line: rows[:, placed.counters] for placed in counting}
 
 
 # Displacements and rotations at chosen times are those of polynomials through the nearest ends of

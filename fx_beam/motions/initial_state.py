@@ -118,7 +118,7 @@ def _remembers(model: Model, state: State, moved: np.ndarray, slid: np.ndarray) 
     points, internal = model.points, state.spring_internal
     closed = internal is not None and internal[points.first_of_contacts :].any()
     joint_forces = (placed.force for placed in points.placed[points.first_contacts :])
-    flowing = (force for force in joint_forces if force.law.internal)
+    flowing = (force for force in joint_forces if force.law.internal > force.law.counters)
     places = ((slid, [f.slide]) if f.slide >= 0 else (moved, f.dofs) for f in flowing)
     points_moved = closed or any(x[i] for x, indices in places for i in indices if i >= 0)
     return bool(points_moved) or any(moved[entries].any() for entries in dofs)

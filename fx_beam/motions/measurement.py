@@ -151,8 +151,18 @@ def _reading(model: Model, array_of: Arrays, turns: TurnCounter, measured: Measu
         now = values.reshape(-1)[entries]
         return now + turns.removed[entries] if turning and array == "q" else now
 
+    turning_spans = [
+        placed.counters
+        for placed in model.points.placed
+        if measured.counts_turns and placed.force.line == measured.place.number
+    ]
+
+    def counted() -> np.ndarray | None:
+        """Half turns of the spans of a rope."""
+        return array_of("spring_internal")[turning_spans[0]] if turning_spans else None
+
     def read() -> Any:
-        value = measured.values(read_now)
+        value = measured.values(read_now, counted())
         return float(value) if is_single else value
 
     return read

@@ -25,6 +25,7 @@ from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.substeps import LARGE_TURN
 
+from .balance_check import warn_of_balance
 from .contact_check import warn_of_long_elements, warn_of_places, warn_of_sharp_bends
 from .evaluation import solution_of
 from .options import Tolerance
@@ -235,6 +236,10 @@ class Run:
     def solution(self) -> Solution:
         """The solution of all steps, with warnings of contact where its forces say little."""
         solution = self._solution()
+        if self._files is None:
+            recorder = self.recorder
+            energies = recorder.arrays["energies"][: recorder.rows]
+            warn_of_balance(self.options.scheme, recorder.t[: recorder.rows], energies)
         if self._knows_places:
             warn_of_places(solution, self._scene.joints, self._scene.forces_between)
             rows, t = self.recorder.rows, solution.t

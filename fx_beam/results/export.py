@@ -57,7 +57,15 @@ def _parts(solution) -> dict[str, Any]:
     beams = solution.beams.values()
     parts = {"format": FORMAT, "X": solution.X}
     parts |= {name: getattr(solution, name) for name in HISTORIES}
-    attributes = "energy", "end", "stats", "bodies", "contacts", "names_of_parameters"
+    attributes = (
+        "energy",
+        "end",
+        "stats",
+        "bodies",
+        "contacts",
+        "names_of_parameters",
+        "turns_of_line",
+    )
     variables = (f"variables_of_{owner}" for owner in ("beam", "joint", "contact"))
     parts |= {name: getattr(solution, name) for name in (*attributes, *variables)}
     parts["beams"] = [

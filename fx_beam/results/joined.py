@@ -139,6 +139,7 @@ class _Joined:
             end=end,
             names_of_parameters=self._parameters,
             variables_of_contact=self._rows(friction, second.variables_of_contact),
+            turns_of_line=self._rows(first.turns_of_line, second.turns_of_line),
         )
 
     def _histories(self) -> dict[str, np.ndarray]:

@@ -211,7 +211,8 @@ def values_in(solution, measured: Measured) -> np.ndarray:
         rows = solution.recorded(array)
         return rows.reshape(len(rows), -1)[:, entries]
 
-    return measured.values(read)
+    counted = solution.turns_of_line.get(measured.place.number) if measured.counts_turns else None
+    return measured.values(read, counted)
 
 
 def motion_of(solution) -> NodalMotion:
@@ -281,7 +282,8 @@ class PullMotion(_PartMotion):
         if not self.line.kinds:
             return np.zeros((len(self.solution.t), len(self.line.points)))
         rows = self.solution.recorded("q").reshape(len(self.solution.t), -1)
-        return wraps(self.line, lambda _, entries: rows[:, entries])
+        counted = self.solution.turns_of_line.get(self.line.number)
+        return wraps(self.line, lambda _, entries: rows[:, entries], counted)
 
     def _of_bed(self, name: str) -> np.ndarray:
         """Displacements ("q") or rates ("v") along a bed (n, nodes)."""

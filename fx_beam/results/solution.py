@@ -98,6 +98,8 @@ class Solution:
         Names of the columns of `parameters`.
     variables_of_contact : dict, optional
         Stretch and slip (n, points, 2) [m] by the number of each contact with friction.
+    turns_of_line : dict, optional
+        Half turns (n, spans) of the spans of a rope over pulleys [rad], by its number.
     stability : dict, optional
         Of a path, by their names: `unstable_modes` and `critical_points`, or functions that find
         them when they are first read.
@@ -175,6 +177,7 @@ class Solution:
         end: State | Callable[[], State] | None = None,
         names_of_parameters: Sequence[str] = (),
         variables_of_contact: dict[int, np.ndarray] | None = None,
+        turns_of_line: dict[int, np.ndarray] | None = None,
         stability: Mapping[str, Any] | None = None,
     ):
         # Histories, energies and the last state are set when they are first read.
@@ -188,6 +191,7 @@ class Solution:
         self.resultants_of_beam = resultants_of_beam
         self.variables_of_beam, self.variables_of_joint = variables_of_beam, variables_of_joint
         self.variables_of_contact = variables_of_contact or {}
+        self.turns_of_line = turns_of_line or {}
         self.names_of_parameters = list(names_of_parameters)
         self._stability = dict(stability or {})
         self.branches: list[Solution] = []

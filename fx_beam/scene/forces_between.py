@@ -6,7 +6,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -156,7 +156,9 @@ class ForceBetween:
         """
         return [(numbers[2 * i] + x, numbers[2 * i + 1] + y) for i, (x, y) in enumerate(moved)]
 
-    def length(self, numbers: Any, moved: Sequence, turned: Sequence) -> Any:
+    def length(
+        self, numbers: Any, moved: Sequence, turned: Sequence, counted: np.ndarray | None = None
+    ) -> Any:
         """The sum of distances, or of free spans and arcs.
 
         Parameters
@@ -168,6 +170,8 @@ class ForceBetween:
             slopes.
         turned : (first, last)
             Rotations of drums at both ends [rad].
+        counted : (..., points - 1) float, optional
+            Half turns that the spans of a rope over pulleys have turned [rad].
 
         Returns
         -------
@@ -216,7 +220,15 @@ def _node_or_position(point: Node | FixedPoint) -> Node | np.ndarray:
     return point if isinstance(point, Node) else point.position
 
 
-def rope_spring(spring, length: TimeValue, number: int) -> tuple[Spring, tuple[str, ...]]:
+@dataclass(frozen=True)
+class RopeSpring(Spring):
+    """A linear spring that only pulls, from a length on; both numbers are parameters."""
+
+    slope: Any = field(default=None, metadata=IS_DATA)
+    length: Any = field(default=None, metadata=IS_DATA)
+
+
+def rope_spring(spring, length: TimeValue, number: int) -> tuple[RopeSpring, tuple[str, ...]]:
     """A spring that only pulls, from a length on, and names of parameters made for it.
 
     SceneError if no linear spring is given.
@@ -236,14 +248,38 @@ def rope_spring(spring, length: TimeValue, number: int) -> tuple[Spring, tuple[s
     def energy(x):
         return ufl.conditional(ufl.gt(x, length), k / 2 * (x - length) ** 2, 0.0)
 
-    return Spring(strain_energy=energy), names
+    return RopeSpring(strain_energy=energy, slope=k, length=length), names
+
+
+def _with_rope(
+    laws: Coordinate, force: object, length: TimeValue | None, number: int
+) -> tuple[Coordinate, tuple[str, ...]]:
+    """Laws with the spring of a rope of a length, and names of parameters made for it.
+
+    An upper stop with a damper or friction, and no spring or force, is a rope: else they would push
+    where it is slack. SceneError if it has a loss of its own.
+    """
+    stop, resists = laws.stop, laws.damper or laws.friction
+    is_alone = length is None and laws.spring is None and force is None
+    if is_alone and resists and stop is not None and stop.lower is None:
+        if stop.restitution < 1:
+            raise SceneError(
+                f"force {number}: its stop has restitution = {stop.restitution!r}, and there is a "
+                "damper or friction, which acts while a rope is taut. Give one of them"
+            )
+        laws, length = replace(laws, spring=Spring(stop.stiffness), stop=None), stop.upper
+    if length is None:
+        return laws, ()
+    spring, names = rope_spring(laws.spring, length, number)
+    return replace(laws, spring=spring), names
 
 
 def checked_force(
-    scene, points: Sequence, coordinate: Coordinate, force, names=(), make=ForceBetween
+    scene, points: Sequence, coordinate: Coordinate, force, length=None, make=ForceBetween
 ) -> ForceBetween:
     """A new force of a scene; SceneError if a law is not finite at the start."""
     number, size = scene.force_count, scene.nodes.size
+    coordinate, names = _with_rope(coordinate, force, length, number)
     if force is not None and not callable(force):
         from .symbols import Parameter
 

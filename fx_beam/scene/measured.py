@@ -89,9 +89,15 @@ class Measured:
         if isinstance(place, SlidingJoint) and quantity.is_rate:
             self.sliding = place
 
-    def values(self, read: Read) -> Any:
-        """Values (..., components) or (...)."""
-        y = self._function(self._floats, *(read(*need) for need in self.needs))
+    @property
+    def counts_turns(self) -> bool:
+        """Whether it is the length of a rope over pulleys, whose spans turn."""
+        return self.name == "length" and bool(getattr(self.place, "kinds", ""))
+
+    def values(self, read: Read, counted: np.ndarray | None = None) -> Any:
+        """Values (..., components) or (...); `counted` half turns if it counts them."""
+        parts = [read(*need) for need in self.needs]
+        y = self._function(self._floats, *parts, *([counted] if self.counts_turns else []))
         return y if self.shape else y[..., 0]
 
     def slopes(self, read: Read | None = None) -> Iterator[Slope]:
@@ -289,11 +295,11 @@ def _of_line(name: str, line: Any) -> Definition:
     def rate(numbers, q, v):
         return line.rate(numbers, motion(q)[0], *motion(v))[..., None]
 
-    def length(numbers, q):
-        return line.length(numbers, *motion(q))[..., None]
+    def length(numbers, q, counted=None):
+        return line.length(numbers, *motion(q), counted)[..., None]
 
-    def wrap(numbers, q):
-        arcs = np.broadcast_arrays(0.0 * q[..., 0], *line.arcs(numbers, *motion(q)))[1:]
+    def wrap(numbers, q, counted=None):
+        arcs = np.broadcast_arrays(0.0 * q[..., 0], *line.arcs(numbers, *motion(q), counted))[1:]
         return np.stack(arcs, axis=-1) * np.sign(line.radii)
 
     functions: dict[str, Function] = {"rate": rate, "length": length, "wrap": wrap}
@@ -301,10 +307,10 @@ def _of_line(name: str, line: Any) -> Definition:
     return Definition(needs, functions[name], is_linear=False)
 
 
-def wraps(line: Any, read: Read) -> np.ndarray:
-    """Angles (..., points) over which a rope lies on its pulleys [rad]."""
+def wraps(line: Any, read: Read, counted: np.ndarray | None) -> np.ndarray:
+    """Angles (..., points) over which a rope lies on its pulleys [rad]; half turns of its spans."""
     needs, function, _ = _of_line("wrap", line)
-    return function(floats(dual_array(line.geometry)), *(read(*need) for need in needs))
+    return function(floats(dual_array(line.geometry)), *(read(*need) for need in needs), counted)
 
 
 def _along(array: str, line: Any) -> Definition:

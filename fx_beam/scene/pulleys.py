@@ -171,27 +171,36 @@ class RopeOverPulleys(ForceBetween):
         radii, turns = numbers[-2 * n : -n], numbers[-n:]
         return radii, radii[:-1] - radii[1:], turns
 
-    def arcs(self, numbers: Any, moved: Sequence, turned: Sequence) -> list:
-        """Angles (n,) about each centre to the left, of drums since the start [rad]."""
+    def arcs(
+        self, numbers: Any, moved: Sequence, turned: Sequence, counted: np.ndarray | None = None
+    ) -> list:
+        """Angles (n,) about each centre to the left, of drums since the start [rad].
+
+        `counted` (..., n - 1) are half turns of the spans [rad], from which their angles are less
+        than one; None for none.
+        """
         _, steps, turns = self._circles(numbers)
         angles, leans = [], []
         for i, (x, y) in enumerate(self.vectors(numbers, moved)):
             X, Y = numbers[2 * i], numbers[2 * i + 1]
-            angles.append(np.arctan2(X * y - Y * x, X * x + Y * y))
+            half = 0.0 if counted is None else np.pi * np.round(counted[..., i] / np.pi)
+            sign = np.cos(half)  # of the direction from which the angle is measured
+            cross, along = sign * (X * y - Y * x), sign * (X * x + Y * y)
+            angles.append(half + np.arctan2(cross, along))
             leans.append(np.arcsin(steps[i] / np.hypot(x, y)))
         arcs = [angles[0] + leans[0] - turned[0]]
         for i, (old, new) in enumerate(itertools.pairwise(angles)):
-            turn = new - old
-            turn = turn - 2 * np.pi * np.round(floats(turn) / (2 * np.pi))
-            arcs.append(turn + leans[i + 1] - leans[i])
+            arcs.append(new - old + leans[i + 1] - leans[i])
         arcs.append(turned[1] - angles[-1] - leans[-1])
         return [arc + turns[i] for i, arc in enumerate(arcs)]
 
-    def length(self, numbers: Any, moved: Sequence, turned: Sequence) -> Any:
-        """Sum of free spans and arcs [m]."""
+    def length(
+        self, numbers: Any, moved: Sequence, turned: Sequence, counted: np.ndarray | None = None
+    ) -> Any:
+        """Sum of free spans and arcs [m], with half turns as of `arcs`."""
         radii, steps, _ = self._circles(numbers)
         ways = zip(self.vectors(numbers, moved), steps, strict=True)
-        arcs = enumerate(self.arcs(numbers, moved, turned))
+        arcs = enumerate(self.arcs(numbers, moved, turned, counted))
         spans = sum(np.sqrt(x * x + y * y - step * step) for (x, y), step in ways)
         return spans + sum(radii[i] * arc for i, arc in arcs if self.radii[i])
 

@@ -27,7 +27,7 @@ from .body import Body, Members, check_body, velocities_of
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
-from .forces_between import ForceBetween, Point, Pull, checked_force, rope_spring
+from .forces_between import ForceBetween, Point, Pull, checked_force
 from .functions import ArrayCalls, Signal
 from .inputs import Input, TimeValue, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, coupling_of, moved_by, placed
@@ -708,7 +708,8 @@ class Scene:
         friction : SmoothFriction, optional
             Friction on the rate of r.
         stop : Stop or (lower, upper, stiffness), optional
-            Limits of r: a rope has an upper one, a prop a lower one.
+            Limits of r: a rope has an upper one, a prop a lower one. With an upper one alone, no
+            spring and no force it is a rope, whose damper and friction act while it is taut.
         force : callable, float or Input, optional
             ``force(distance, rate, t)``, an additional tension [N] as a UFL expression of r [m],
             its rate [m/s] and the time [s]; or a number or an `Input` for the tension. Its work is
@@ -771,11 +772,13 @@ class Scene:
             Spring on l, which pulls and pushes; with a `length` the stiffness of a rope that only
             pulls.
         damper : Damper, optional
-            Damper on the rate of l.
+            Damper on the rate of l. In a rope that only pulls it acts while the rope is taut, and
+            at most takes its tension away.
         friction : SmoothFriction, optional
-            Friction on the rate of l.
+            Friction on the rate of l, as a damper.
         stop : Stop or (lower, upper, stiffness), optional
-            Limits of l: a rope has an upper one.
+            Limits of l: a rope has an upper one. With a damper or friction, and no spring or force,
+            ``(None, l0, k)`` is ``spring=Spring(k), length=l0``.
         force : callable, float or Input, optional
             ``force(length, rate, t)``, an additional tension [N], as of `add_force_between`.
         length : float, callable, Parameter or Input, optional
@@ -821,11 +824,8 @@ class Scene:
         require(bool(nodes), name, points, "with a node among them: nothing else can move")
         for node in nodes:
             loads.check_node(self, node, "rope")
-        names: tuple[str, ...] = ()
-        if length is not None:
-            spring, names = rope_spring(spring, length, self.force_count)
         laws = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        return self._with_force(checked_force(self, points, laws, force, names, make))
+        return self._with_force(checked_force(self, points, laws, force, length, make))
 
     def add_spring(
         self, node: Node, x=None, y=None, rotation=None, axis: Sequence[float] = (1.0, 0.0)

@@ -18,7 +18,7 @@ class Kinks:
         self._forms, points = forms, forms.points
         energies = [beam.section.strain_energy for beam in scene.beams]
         #: Whether members or springs have internal variables.
-        self.flows = forms.internal_shape[-1] > 0 or points.width > 0
+        self.flows = forms.internal_shape[-1] > 0 or points.flows
         #: Whether members or virtual works have functions of a user, which may have kinks.
         self.bend = any(energies) or bool(scene.virtual_works)
         #: Whether there are obstacles or stops.

@@ -127,7 +127,7 @@ def test_critical_damping_is_that_of_the_mass_which_the_spring_holds():
     scene.add_contact(ball, fb.Line((0, -9), (0, 1)), stiffness=1e4, friction=friction)
     bed = scene.add_beam([(8, 0), (9, 0)], BEAM, elements=4)
     scene.clamp(bed.start)
-    scene.add_contact(ball, bed, stiffness=1e4, radius=0.1, friction=hit)
+    scene.add_contact(ball, bed, stiffness=1e4, radius=(0.0, 0.2), friction=hit)
     damping = fb.simulate(scene, dt=1e-3, t_end=2e-3).stats.friction_damping
     # The rider moves with the cart along x; of a cart and a ball the reduced mass counts.
     masses = [2.0 * 0.5**2 + 0.05, 3.0, 1 / (1 / 4.0 + 1 / 8.0), 1e4 * 0.125**2 / 4, 4.0]

@@ -145,6 +145,86 @@ def test_a_string_that_winds_up_on_a_post_moves_as_lagrange_says_to_second_order
     assert 3.3 < errors[0] / errors[1] < 4.6
 
 
+def tether(order, radius=0.05, length=1.0, speed=2.0, side="left"):
+    """A ball on a rope that winds on a pole: turns to the left, or mirrored to the right."""
+    sign = 1 if side == "left" else -1
+    scene, ball = held_body((length, -sign * radius), 0.3, 0.0, "rotation")
+    scene.set_velocity(ball, (0, sign * speed))
+    if order == "fixed":
+        centre = (0.0, 0.0)
+    else:
+        centre = scene.add_body((0, 0), 1.0, 1.0).centre
+        scene.fix(centre, "x", "y", "rotation")
+    points = [fb.Pulley(centre, radius, side), ball]
+    if order == "last":
+        other = "right" if side == "left" else "left"
+        points = [ball, fb.Pulley(centre, radius, other)]
+    return scene, ball, scene.add_rope(points, fb.Spring(1e5, rest=length))
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("order", ["first", "last", "fixed"])
+def test_a_tethered_ball_winds_on_its_pole_over_turns_at_its_speed(order, side):
+    """Speed v stays, and the free length falls: b^2 = L^2 - 2 R v t."""
+    scene, ball, rope = tether(order, side=side)
+    seen = fb.Motion(scene, dt=1e-3, outputs={"length": fb.Output("length", rope)})
+    motion = fb.simulate(scene, dt=1e-3, t_end=4.6)
+    sign, free = (1 if side == "left" else -1), np.sqrt(1 - 2 * 0.05 * 2 * motion.t)
+    angle = (1 - free) / 0.05
+    assert angle[-1] > 4 * np.pi
+    exact = np.stack([free * np.cos(angle) + 0.05 * np.sin(angle), free * np.sin(angle)], axis=1)
+    exact[:, 1] -= 0.05 * np.cos(angle)
+    assert motion.position(ball) == pytest.approx(exact * [1, sign], abs=2e-3)
+    assert np.hypot(*motion.velocity(ball).T) == pytest.approx(2.0, abs=1e-3)
+    assert motion.joint(rope).length == pytest.approx(1.0, abs=1e-4)
+    wrap = motion.joint(rope).wrap[:, -1 if order == "last" else 0]
+    assert wrap == pytest.approx(angle, abs=2e-3)
+    assert abs(motion.energy.balance_error).max() < 1e-12
+    for _ in range(2000):
+        last = seen.step()["length"]
+    assert last == pytest.approx(motion.joint(rope).length[2000], rel=1e-12)
+
+
+def test_half_turns_of_spans_are_kept_in_files_and_by_a_start(tmp_path):
+    scene, ball, rope = tether("first")
+    whole = fb.simulate(scene, dt=1e-3, t_end=4.0)
+    first = fb.simulate(scene, dt=1e-3, t_end=2.4)
+    first.save(tmp_path / "first.npz")
+    for start in (first, fb.load(tmp_path / "first.npz")):
+        second = fb.simulate(scene, dt=1e-3, t_end=4.0, start=start)
+        assert second.position(ball)[-1] == pytest.approx(whole.position(ball)[-1], abs=1e-9)
+        joined = start.then(second).joint(rope)
+        assert joined.length == pytest.approx(whole.joint(rope).length, abs=1e-9)
+        assert joined.wrap == pytest.approx(whole.joint(rope).wrap, abs=1e-8)
+    often = fb.simulate(scene, fb.EnergyMomentum(order=4), dt=4e-3, t_end=4.0)
+    rows = fb.simulate(scene, dt=1e-3, t_end=4.0, record=fb.Record(every=500))
+    assert often.joint(rope).wrap[-1] == pytest.approx(whole.joint(rope).wrap[-1], abs=1e-3)
+    assert rows.joint(rope).wrap[-1] == pytest.approx(whole.joint(rope).wrap[-1], abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", [-2.9, -3.4, -9.0])
+def test_the_end_of_a_rope_winds_on_a_pulley_and_lifts_a_weight_by_its_arc(turn):
+    R, r = 1.0, 0.1
+    scene, end = held_body((R, 0), 1.0, 0.0, "rotation", gravity=(0, -G))
+
+    def angle(t):
+        return turn * (t - np.sin(2 * np.pi * t) / (2 * np.pi))
+
+    scene.prescribe(end, x=lambda t: R * (np.cos(angle(t)) - 1), y=lambda t: R * np.sin(angle(t)))
+    weight = scene.add_body((-r, -2.0), 2.0).centre
+    scene.fix(weight, "x", "rotation")
+    length = np.sqrt(R * R - r * r) + r * (np.pi - np.arccos(r / R)) + 2.0
+    spring = fb.Spring(1e4, rest=length - 2 * G / 1e4)
+    points = [weight, fb.Pulley((0, 0), r, "right"), end]
+    rope = scene.add_rope(points, spring, fb.Damper(50.0))
+    lift = fb.simulate(scene, dt=1e-3, t_end=1.0)
+    assert lift.displacement(weight)[-1, 1] == pytest.approx(-turn * r, abs=2e-4)
+    pull = lift.joint(rope)
+    assert pull.wrap[-1, 1] - pull.wrap[0, 1] == pytest.approx(-turn, abs=1e-9)
+    assert abs(np.diff(pull.length)).max() < 1e-4
+    assert abs(lift.energy.balance_error).max() < 1e-12
+
+
 # -- Statics, vibrations, derivatives --------------------------------------------------------------
 
 

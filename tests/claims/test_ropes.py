@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scenes import assert_refused, held_body
+from scipy.integrate import solve_ivp
 
 import fx_beam as fb
 
@@ -110,6 +111,119 @@ def test_a_rope_without_tension_lets_its_load_fall():
     fall = fb.simulate(scene, dt=0.01, t_end=0.7)
     assert fall.position(load)[:, 1] == pytest.approx(-2 - G * fall.t**2 / 2, abs=1e-9)
     assert not fall.joint(rope).force.any()
+
+
+# -- Damped ropes that only pull -----------------------------------------------------------------
+
+
+def damped(make, resist, start=(0.0, -0.3), k=400.0, **options):
+    """A mass on a rope of 1 m from the origin, in the plane or up and down."""
+    scene, ball = held_body(start, 1.0, 0.0, "rotation", gravity=(0, -G))
+    if make == "length":
+        return scene, ball, scene.add_rope([(0, 0), ball], fb.Spring(k), length=1.0, **resist)
+    if make == "rope":
+        return scene, ball, scene.add_rope([(0, 0), ball], stop=(None, 1.0, k), **resist)
+    return scene, ball, scene.add_force_between(ball, (0, 0), stop=(None, 1.0, k), **resist)
+
+
+RESISTANCES = [
+    {"damper": fb.Damper(50.0)},
+    {"damper": fb.Damper(law=lambda rate: 30 * abs(rate) * rate)},
+    {"friction": fb.SmoothFriction(7.0, 0.01)},
+    {"damper": fb.Damper(5.0), "friction": fb.SmoothFriction(lambda rate: 4 + 0.0 * rate, 0.01)},
+]
+
+
+@pytest.mark.parametrize("make", ["length", "rope", "between"])
+@pytest.mark.parametrize("resist", RESISTANCES)
+def test_a_slack_rope_neither_brakes_nor_pushes_whatever_resists_its_rate(make, resist):
+    for speed in (0.0, 1.3):
+        scene, ball, rope = damped(make, resist)
+        scene.set_velocity(ball, (0.2, speed))
+        fall = fb.simulate(scene, dt=1e-3, t_end=0.2)
+        assert fall.position(ball)[-1] == pytest.approx(
+            [0.04, -0.3 + speed * 0.2 - G * 0.02], abs=1e-12
+        )
+        assert not fall.joint(rope).force.any() and not fall.energy.dissipated.any()
+
+
+@pytest.mark.parametrize("resist", RESISTANCES)
+@pytest.mark.parametrize("order", [2, 4, None])
+def test_no_damping_or_friction_makes_the_tension_of_a_rope_negative(resist, order):
+    scheme = fb.EnergyMomentum(order=order) if order else fb.Newmark()
+    scene, ball, rope = damped("length", resist, start=(0.6, 0.2))
+    swing = fb.simulate(scene, scheme, dt=2e-3, t_end=2.0)
+    force = swing.joint(rope).force
+    assert force.min() == 0.0 and force.max() > 15.0
+    if order:
+        assert abs(swing.energy.balance_error).max() < 1e-11
+    if order == 2:
+        assert np.diff(swing.energy.dissipated).min() >= 0.0
+
+
+def caught(x, c, k, end):
+    """Place and loss of a mass (1 kg) that falls from rest at x above a rope of 1 m, by events."""
+
+    def rates(_, y, pulls):
+        tension = pulls * (k * (y[0] - 1) + c * y[1])
+        return y[1], G - tension, pulls * c * y[1] ** 2
+
+    def length(_, y, pulls):
+        return y[0] - 1
+
+    def tension(_, y, pulls):
+        return k * (y[0] - 1) + c * y[1]
+
+    for event in (length, tension):
+        event.terminal = True
+    t, y, phase = 0.0, np.array([x, 0.0, 0.0]), "slack"
+    ends = {"slack": [(length, 1)], "pull": [(tension, -1)], "limp": [(length, -1), (tension, 1)]}
+    while t < end:
+        events = [event for event, _ in ends[phase]]
+        for event, direction in ends[phase]:
+            event.direction = direction
+        options = {"rtol": 1e-12, "atol": 1e-13, "max_step": 0.02, "events": events}
+        found = solve_ivp(rates, (t, end), y, "DOP853", args=(phase == "pull",), **options)
+        t, y = found.t[-1], found.y[:, -1]
+        if phase == "limp" and found.status:
+            phase = "slack" if len(found.t_events[0]) else "pull"
+        else:
+            phase = "pull" if phase == "slack" else "limp"
+    return y[0], y[2]
+
+
+def test_a_mass_is_caught_by_a_damped_rope_as_events_say_to_second_order():
+    errors = []
+    for height in (0.15, 0.31, 0.47, 0.62, 0.78):
+        place, _ = caught(height, 10.0, 400.0, 1.2)
+        for dt in (8e-3, 4e-3, 2e-3):
+            scene, ball, rope = damped("length", {"damper": fb.Damper(10.0)}, (0.0, -height))
+            fall = fb.simulate(scene, dt=dt, t_end=1.2)
+            errors.append(abs(fall.position(ball)[-1, 1] + place))
+            assert fall.joint(rope).force.min() >= 0.0
+            assert abs(fall.energy.balance_error).max() < 1e-11
+    sizes = np.sqrt(np.mean(np.reshape(errors, (5, 3)) ** 2, axis=0))
+    assert sizes[2] < 1e-4
+    assert sizes[0] / sizes[2] > 10  # 16 of second order
+
+
+def test_a_winch_that_pays_out_keeps_its_damped_rope_in_balance():
+    def wound(t):
+        return 1.0 + 0.3 * np.sin(7 * t)
+
+    scene, ball = held_body((0, -1), 1.0, 0.0, "x", "rotation", gravity=(0, -G))
+    rope = scene.add_rope([(0, 0), ball], fb.Spring(5e3), fb.Damper(20.0), length=wound)
+    swing = fb.simulate(scene, dt=1e-3, t_end=2.0)
+    assert swing.joint(rope).force.min() == 0.0
+    assert abs(swing.energy.balance_error).max() < 1e-10
+    assert np.diff(swing.energy.dissipated).min() >= 0.0
+
+
+def test_the_stop_of_a_damped_rope_has_no_loss_of_its_own():
+    scene, ball = held_body((0, -0.3), 1.0, 0.0)
+    stop = fb.Stop(None, 1.0, 1e3, restitution=0.5, speed=0.01)
+    options = {"stop": stop, "damper": fb.Damper(1.0)}
+    assert_refused("Give one of them", scene.add_rope, [(0, 0), ball], **options)
 
 
 # -- Momenta, tension, and changes ---------------------------------------------------------------
