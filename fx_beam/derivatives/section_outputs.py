@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.fem.loads import LoadedBeams
 from fx_beam.fem.mass import masses_of_points
-from fx_beam.laws.interval import StepBatch, just_inside
+from fx_beam.laws.interval import StepBatch
 from fx_beam.motions.element_balance import ElementLoads, components, directions
 from fx_beam.motions.numbers import OF_OUTPUT
 from fx_beam.results.section_forces import Balance
@@ -27,8 +27,6 @@ from fx_beam.step.tape import Tape
 from .gradient import Block, DualArrays, of_names, of_rows
 from .row_output import Needs, Places, RowOutput, numbers_of_output
 
-#: Values (n, ...) at times (n,) [s].
-Series = Callable[[np.ndarray], np.ndarray | Dual]
 # Numbers of a section force: masses (points,) at Gauss points of its element, directions (2,) at
 # its ends, and dead loads (sub-steps + 1, width) on it, the last at the start.
 _MASSES, _DIRECTIONS, _DEAD = "masses", "directions", "dead loads"
@@ -44,15 +42,15 @@ def numbers_of_sections(
     X = mesh.positions_of(scene)
     loaded_beams = LoadedBeams.of(scene)
     loads = ElementLoads(model, loaded_beams, X)
-    start, last = times.starts[:1], np.zeros(1)
-
-    def values_in_steps(function: Series) -> np.ndarray | Dual:
-        if rest_time is not None:
-            factors = np.append(tape.memories, last)
-            return factors[:, None] * function(np.array([rest_time]))
-        t0, t1 = just_inside(times.starts, times.ends)
-        t0, t1 = np.append(t0, start), np.append(t1, start)
-        return (1 - level) * function(t0) + level * function(t1)
+    # Factors of the weight and of loads in the sub-steps, and at the start.
+    if rest_time is not None:
+        weight_factors = np.append(tape.memories, 0.0)[:, None]
+        factors = weight_factors * loads.dead.series(np.array([rest_time]))
+    else:
+        t0, t1 = (np.append(t, times.starts[:1]) for t in (times.starts, times.ends))
+        both_ends = loads.dead.in_steps(t0, t1, model.scheme.rates.mean_based)
+        factors = (1 - level) * both_ends[:, 0] + level * both_ends[:, 1]
+        weight_factors = np.ones((len(t0), 1))
 
     numbers: DualArrays = {}
     for name, output in known.items():
@@ -69,7 +67,7 @@ def numbers_of_sections(
         numbers |= {
             _MASSES + OF_OUTPUT + name: dual_array(loads.masses)[cell],
             _DIRECTIONS + OF_OUTPUT + name: directions(X[mesh.elements[[cell]]])[0],
-            _DEAD + OF_OUTPUT + name: _on_element(loads, cell, values_in_steps),
+            _DEAD + OF_OUTPUT + name: _on_element(loads, cell, factors, weight_factors),
         }
     return numbers
 
@@ -81,7 +79,7 @@ def _cell(model: Model, place: BeamPlace) -> int:
 
 
 def _on_element(
-    loads: ElementLoads, cell: int, values_in_steps: Callable[[Series], np.ndarray | Dual]
+    loads: ElementLoads, cell: int, factors: np.ndarray | Dual, weight_factors: np.ndarray
 ) -> np.ndarray | Dual:
     """Dead loads (sub-steps + 1, width) on an element."""
     dofs, dead = loads.torn.unknowns.dofs[cell], loads.dead
@@ -92,9 +90,9 @@ def _on_element(
     column = np.repeat(np.arange(columns), np.diff(dead.starts))[there]
     flat = column * width + place[dead.rows[there]]
     unit = np.bincount(flat, dead.entries[there], columns * width).reshape(columns, width)
-    total = values_in_steps(lambda t: dead.series(t) @ unit)
+    total = factors @ unit
     if loads.weight is not None:
-        total = total + values_in_steps(lambda t: np.ones((len(t), 1))) * loads.weight[dofs]
+        total = total + weight_factors * loads.weight[dofs]
     return total
 
 

@@ -18,6 +18,7 @@ from fx_beam.scene.beam import Beam, BeamPlace, Node, gauss_rule, lagrange_and_s
 from fx_beam.scene.functions import ArrayCalls, Signal, SignalAlong, constant, evaluate
 from fx_beam.scene.loads import NAMES, ON_MASSES, Load, values_along
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.shaking import Accelerogram
 from fx_beam.scene.structure import OtherStructureError
 
 from .mesh import Mesh
@@ -124,6 +125,22 @@ class SumOfLoads:
         if len(values) == 1 and isinstance(values[0], Dual):
             return values[0]
         return np.concatenate([np.empty((len(times), 0)), *values], axis=1)
+
+    def in_steps(self, t0: np.ndarray, t1: np.ndarray, by_means: bool) -> MaybeDual:
+        """Factors (m, 2, n) of the columns at the starts and ends of m steps from t0 to t1 [s].
+
+        Where a step goes over samples of a record, its mean over the step at both, if `by_means`.
+        """
+        starts, ends = just_inside(t0, t1)
+        both = self.series(np.stack([starts, ends], axis=1).ravel())
+        values = both.reshape(len(t0), 2, len(self.starts) - 1)
+        for columns, function in self.functions if by_means else ():
+            if isinstance(function, Accelerogram):
+                over = function.goes_over_samples(starts, ends)
+                means = function.means(t0, np.where(over, t1, t0 + 1.0))[:, None, None]
+                of_record = np.arange(len(self.starts) - 1) == columns.start
+                values = np.where(over[:, None, None] & of_record, means, values)
+        return values
 
     def __bool__(self):
         return bool(self.functions)

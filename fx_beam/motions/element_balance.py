@@ -136,8 +136,14 @@ class ElementBalance:
 
     def _dead(self) -> np.ndarray:
         """Dead loads (n, size) of elements in the sub-steps."""
-        loads = self._loads.dead
-        dead = self._in_steps(lambda t: floats(loads.series(t)) @ loads.unit_loads.T)
+        loads, rates = self._loads.dead, self.model.scheme.rates
+        if self._rest is not None:
+            factors = floats(loads.series(np.array([self._rest.time])))
+            dead = self._rest.factors[:, None] * (factors @ loads.unit_loads.T)
+        else:
+            factors = floats(loads.in_steps(*self._ends_of_steps(), rates.mean_based))
+            at_start, at_end = (factors[:, i] @ loads.unit_loads.T for i in (0, 1))
+            dead = (1 - rates.level) * at_start + rates.level * at_end
         if (weight := self._loads.weight) is not None:
             factors = 1.0 if self._rest is None else self._rest.factors[:, None]
             dead = dead + factors * floats(weight)
@@ -145,13 +151,18 @@ class ElementBalance:
 
     def _in_steps(self, values) -> np.ndarray:
         """Values (n, ...) at the scheme's level of a function of times, or by the load factors."""
-        parts, level = self._parts, self.model.scheme.rates.level
         if self._rest is not None:
             return self._rest.factors[:, None] * values(np.array([self._rest.time]))
-        t0, t1 = just_inside(parts.t - level * parts.dt, parts.t + (1 - level) * parts.dt)
+        level, (t0, t1) = self.model.scheme.rates.level, just_inside(*self._ends_of_steps())
+        return (1 - level) * values(t0) + level * values(t1)
+
+    def _ends_of_steps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Starts and ends (n,) of the sub-steps [s]."""
+        parts, level = self._parts, self.model.scheme.rates.level
+        t0, t1 = parts.t - level * parts.dt, parts.t + (1 - level) * parts.dt
         if not self._first:
             t0[0] = t1[0] = parts.t[0]  # of the start, before which nothing need be known
-        return (1 - level) * values(t0) + level * values(t1)
+        return t0, t1
 
     def of_beam(self, number: int, rows: slice | np.ndarray = slice(None)) -> Balance:
         """Section forces of a beam of the scene in some rows."""

@@ -106,8 +106,7 @@ class Forcing:
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> MaybeDual:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
-        loads, both_ends = self.data.loads, np.stack(just_inside(t0, t1), axis=1)
-        return loads.series(both_ends.ravel()).reshape(len(t0), 2, len(loads.starts) - 1)
+        return self.data.loads.in_steps(t0, t1, self.model.scheme.rates.mean_based)
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""

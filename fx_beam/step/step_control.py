@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from fx_beam.laws.schemes import order_and_constant
+from fx_beam.scene.shaking import Accelerogram
 
 from .model import Model
 
@@ -54,6 +55,9 @@ class StepControl:
     """
 
     def __init__(self, model: Model, tolerance: float, span: float, longest: float):
+        if not model.scheme.rates.mean_based:  # only means over steps see all samples of a record
+            records = (x for _, x in model.data.loads.functions if isinstance(x, Accelerogram))
+            longest = min([longest, *(record.spacing for record in records)])
         self._tolerance, self._span, self._longest = tolerance, span, longest
         #: Order of the scheme.
         self.order, self._constant = order_and_constant(model.scheme)

@@ -83,6 +83,50 @@ def test_steps_between_the_times_of_a_record_have_order_two_and_adaptive_ones_it
     assert abs(motion.energy.balance_error).max() < 1e-13
 
 
+@pytest.mark.parametrize(("order", "tolerance"), [(2, 1e-2), (4, 1e-2), (4, 1e-3)])
+def test_steps_by_a_tolerance_know_all_samples_of_a_record(order, tolerance):
+    """Of a slow oscillator, over whose time many samples go; at half of them at most."""
+    times = np.arange(0, 5.001, 0.02)
+    record = np.random.default_rng(2).standard_normal(len(times)) * times * np.exp(-times / 2)
+    record *= 10 / abs(record).max()
+    scene, body = oscillator(x=(times, record))
+    run = fb.simulate(scene, fb.EnergyMomentum(order=order), t_end=6.0, tolerance=tolerance)
+    t = np.union1d(times, run.t)
+    exact = by_pieces(times, record, t)[np.searchsorted(t, run.t)]
+    assert abs(run.displacement(body)[:, 0] - exact).max() < tolerance
+    assert run.stats.steps < (2 * len(times) if order == 2 else len(times))
+    assert abs(run.energy.balance_error).max() < 1e-12 * run.energy.kinetic.max()
+
+
+def test_the_force_of_a_step_is_the_mean_of_a_record_over_it_whatever_the_samples_inside():
+    """The impulse on a free body, in sub-steps that go back as well."""
+    scene, body = held_body((0, 0), M, 1.0, "rotation")
+    times, record = np.array([0.1, 0.15, 0.15, 0.3, 0.7]), np.array([1.0, 9.0, -4.0, 2.0, 6.0])
+    scene.shake(x=(times, record))
+    total = -np.sum(np.diff(times) * (record[1:] + record[:-1]) / 2)
+    for order in (2, 4):
+        run = fb.simulate(scene, fb.EnergyMomentum(order=order), dt=0.5, t_end=1.0)
+        assert run.velocity(body)[-1, 0] == pytest.approx(total, rel=1e-12)
+
+
+def test_newmarks_rule_by_a_tolerance_takes_no_step_over_samples_of_a_record():
+    times = np.arange(0, 5.001, 0.02)
+    record = 10 * np.random.default_rng(2).standard_normal(len(times))
+    scene, body = oscillator(x=(times, record))
+    run = fb.simulate(scene, fb.Newmark(), t_end=5.0, tolerance=1e-2)
+    assert np.diff(run.t).max() < 0.02 * (1 + 1e-9)
+
+
+def test_section_forces_balance_the_mean_of_a_record_over_steps():
+    """A rigid column in one step over all samples: Q at its foot is minus its mass times a."""
+    section = fb.Section(EA=1e10, GA=1e10, EI=1e10, rhoA=2.0, rhoI=0.0)
+    scene, beam = clamped_bar((0, 3), section, elements=2)
+    scene.shake(x=RECORD)
+    run = fb.simulate(scene, dt=1.2, t_end=1.2)
+    mean = np.sum(np.diff(RECORD[0]) * (RECORD[1][1:] + RECORD[1][:-1]) / 2) / 1.2
+    assert abs(run.resultants(beam).at(0.0).Q[-1]) == pytest.approx(6.0 * abs(mean), rel=1e-2)
+
+
 def test_a_free_body_stays_behind_by_the_integrals_of_a_record_that_jumps():
     scene, body = held_body((0, 0), mass=M, inertia=1.0)
     scene.shake(y=([0.1, 0.3, 0.3, 0.5], [2.0, 2.0, -1.0, -1.0]))
