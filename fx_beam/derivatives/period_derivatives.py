@@ -79,7 +79,7 @@ class PeriodDerivatives:
         self._solve()
 
     def _closed(self, changes: dict[str, np.ndarray], start: State) -> dict[str, np.ndarray]:
-        """Changes (m, ...), and those of the unknowns that close loops, in the start of the tape."""
+        """Changes (m, ...), and those of unknowns that close loops, in the start of the tape."""
         shooting = self._shooting
         if shooting.model.reduction.loops is None:
             return changes
