@@ -15,6 +15,7 @@ from fx_beam.orbits.closing import NO_SHIFT, ROUND_OFF, least_squares, turning_p
 from fx_beam.orbits.periodic_family import without_trivial
 from fx_beam.orbits.shooting import Period, Shooting
 from fx_beam.orbits.variables import Directions, slope
+from fx_beam.results.state import State
 from fx_beam.results.vibrations import PeriodicMotion
 from fx_beam.scene.scene import Scene
 
@@ -65,15 +66,26 @@ class PeriodDerivatives:
                 f"states before and after the period are {error:.1e} of it apart. motion(scene) "
                 "must find the motion of this scene"
             )
-        #: Derivatives (m, ...) of all numbers; independent variables of the start are held.
-        self._scene_changes = _held(parameters.derivatives(numbers_of), shooting.model.prescribed)
-        refuse_others(self._scene_changes, shooting.derivatives.names, WHAT)
+        #: Derivatives (m, ...) of all numbers; the unknowns of the start are held.
+        self._held_changes = _held(parameters.derivatives(numbers_of), shooting.model.prescribed)
+        refuse_others(self._held_changes, shooting.derivatives.names, WHAT)
+        #: The same; only independent variables of the start are held.
+        self._scene_changes = self._closed(self._held_changes, self._period.start)
         #: Directions (n) of the start, and derivatives (m, n) of the start along them by x.
         self._directions = shooting.variables.directions(self._period.start, self._period.length)
         self._start = np.zeros((len(parameters.x), self._directions.matrix.shape[1]))
         #: Derivatives (m,) of the logarithm of the period.
         self.period = np.zeros(len(parameters.x))
         self._solve()
+
+    def _closed(self, changes: dict[str, np.ndarray], start: State) -> dict[str, np.ndarray]:
+        """Changes (m, ...), and those of unknowns that close loops, in the start of the tape."""
+        shooting = self._shooting
+        if shooting.model.reduction.loops is None:
+            return changes
+        gaps = shooting.derivatives.closures_at_start(shooting.tape, changes)
+        following = shooting.variables.closing(start, gaps)
+        return changes | {name: changes.get(name, 0.0) + rows for name, rows in following.items()}
 
     @property
     def changes(self) -> dict[str, np.ndarray]:
@@ -224,7 +236,7 @@ class PeriodDerivatives:
             # The same change of independent variables; dependent ones follow from the moved state.
             moved = shooting.variables.directions(start, period.length)
             amounts = np.linalg.solve(moved.matrix[basis.independent], unit @ self._start.T).T
-            changes = _added(self._scene_changes, moved, amounts)
+            changes = _added(self._closed(self._held_changes, start), moved, amounts)
             return shooting.slopes(changes, period)[0][basis.independent]
 
         def longer(change: float) -> np.ndarray:

@@ -87,10 +87,7 @@ class StaticDerivatives:
         problem = problem_of(model, ProblemKind())
         holding_forces = path.held if path.from_rest else 0 * path.held
         if holding_forces.any():
-            columns, dofs, _, _ = model.couplings.free_columns
-            first = np.zeros(model.reduction.free, int)
-            first[columns] = dofs
-            problem.set(work={"statics": {"hold_dof": first, "holds": len(first)}})
+            problem.set(work={"statics": {"holds": model.reduction.free}})
         self.derivatives = TapeDerivatives(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
         if holding_forces.any():

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+import scipy.sparse.linalg
 
 from fx_beam.errors import SceneError
 from fx_beam.results.state import State
@@ -116,6 +117,19 @@ class Variables:
         previous = self.model.size * self.model.forms.keeps_previous
         sizes = {"internal": members, "spring internal": springs, "q previous": previous}
         return {name: size for name, size in sizes.items() if size}
+
+    def closing(self, state: State, gaps: np.ndarray) -> dict[str, np.ndarray]:
+        """Changes (m, ...) by name of the unknowns that close gaps (m, closures) of loops."""
+        model, reduction = self.model, self.model.reduction
+        reduction.begin(state.q, state.slides)
+        assert (loops := reduction.loops) is not None
+        y, following = np.zeros((len(gaps), reduction.free)), reduction.following
+        G = reduction.maps.closure_derivatives()[:, reduction.joints.configuration.following]
+        closing = -scipy.sparse.linalg.splu(G.tocsc()).solve((gaps * loops.lengths).T)
+        y[:, following] = closing.T * loops.unit[following]
+        q, (columns, dofs, _, _) = np.zeros((len(gaps), model.size)), model.couplings.free_columns
+        q[:, dofs] = y[:, columns]
+        return {"q": q, "slides": model.couplings.free_slides(y, model.scene.joint_count)}
 
     def moved(self, state: State, directions: Directions, amounts: np.ndarray) -> State:
         """The state after a change of its variables: amounts (n,) of the directions."""

@@ -188,8 +188,9 @@ class Scene:
         points : sequence of (x, y) or Node, Curve, or callable
             Corners [m]; or a curve: an `arc`, a `spline`, or ``points(fraction)`` that gives
             (x, y) for a fraction in [0, 1]. A node of another beam is shared rigidly:
-            displacement and rotation are the same. Points at the same position are not joined.
-            On a curve the elements end at equal distances of arc length; elements of degree 2 and 3
+            displacement and rotation are the same. Points at the same position are not joined; a
+            warning names ends that lie on another beam, unless a joint, a contact or a line
+            connects them. On a curve the elements end at equal distances of arc length; elements of degree 2 and 3
             are curved, those of degree 1 are its chords.
         section : Section
             Cross-section.
@@ -257,7 +258,8 @@ class Scene:
     ) -> MeshBeams:
         """Add straight beams between the points of a mesh: a lattice, a truss, a frame.
 
-        Cells that share a point are joined there. Points at the same position are not joined.
+        Cells that share a point are joined there. Points at the same position are not joined, nor
+        is a point inside another cell: a warning says so.
 
         Parameters
         ----------

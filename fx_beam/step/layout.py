@@ -58,12 +58,13 @@ class Layout:
         self.slides = np.full(model.scene.joint_count, starts["nowhere"])
         for joint, column in model.couplings.slides.items():
             self.slides[joint] = starts["Y"] + column
-        #: Rows of states, of forces, of configurations at ends, and of forces on unknowns.
+        #: Rows of states, of forces, of configurations at ends, closures and forces on unknowns.
         arrays = "q", "v", "internal", "spring internal", "natural"
         state_places = {name: self.at[name] for name in arrays}
         constrained = self.at["R"][p.free : p.columns]
         self.states = Rows(state_places | {"slides": self.slides})
         self.ends = Rows({"q": self.at["q1"]})
+        self.closures = Rows({"closures": self.at["closures"]})
         self.forces = Rows({"constraints": constrained, "joints": self.at["forces"]})
         self.equations = Rows({"equations": self.at["R"][: p.free]})
 

@@ -13,6 +13,7 @@ import numpy as np
 from fx_beam.coupling.graph import Auxiliaries, couple, motors
 from fx_beam.coupling.joints_in_c import begin_to_build_joints, numbers_of_gears
 from fx_beam.coupling.reduction import Reduction
+from fx_beam.coupling.unjoined import warn_of_unjoined
 from fx_beam.dual import MaybeDual, floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Forms
@@ -83,6 +84,7 @@ class Model:
         self.masses.assembled += [str(load) for load in scene.loads]
         self.masses.name(scene, scheme.rates.at_rest)
         self.masses.warn_of_no_weight(scene)
+        warn_of_unjoined(scene, self.mesh)
         self.reduction: Reduction
         self._build_reduction()
         #: Whether friction sticks, whose damping depends on masses and places.
@@ -132,6 +134,7 @@ class Model:
         self.masses.warn_of_no_weight(data.scene)
         if elsewhere:
             self.mesh.move(floats(data.X))
+            warn_of_unjoined(data.scene, self.mesh)
             self.units = Units(self.mesh, self.couplings)
         self.reduction.joints.set_numbers(data.arms, data.gears)
         if data.gears != gears:

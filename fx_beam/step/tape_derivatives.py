@@ -250,6 +250,19 @@ class TapeDerivatives:
         #: Changes of the rest of the state at the end of the tape.
         self.at_end = {n: np.concatenate(v.swapaxes(1, 2))[:count] for n, v in at_end.items()}
 
+    def closures_at_start(self, tape: Tape, changes: Arrays) -> np.ndarray:
+        """Changes (m, closures) of the gaps of loops [m] at the start, where no unknown follows."""
+        count, closures = len(changes["X"]), self.layout.closures
+        x = self.layout.vector(changes, self.numbers, count)
+        step_rows = _changes_of_steps(self.layout, changes, count, len(tape))
+        _arrays = self._begin_jvp(changes, x, step_rows, directions=count, unknown_slopes=0)
+        _reversals = self._with_reversals(tape)
+        gaps, none = closures.empty(1, count), np.empty((0, count, len(self.layout.at["R"])))
+        start_members = closures.members(np.zeros(1, int), len(tape) + 1, gaps)
+        forces = self.layout.forces.members(_NONE, len(tape), none)
+        self._follow("JVP", tape, start_members, forces)
+        return gaps[0]
+
     def jvp_of_equations(
         self,
         tape: Tape,

@@ -180,6 +180,63 @@ def test_the_period_of_a_pendulum_has_the_derivative_of_its_closed_form_by_its_l
     assert run.jacobian()["period"] == pytest.approx(differences(exact, x), rel=1e-4)
 
 
+HARDENS = {"strain_energy": lambda angle: 5 * angle**4}
+
+
+def geared(x):
+    """A gear, a rack, and a mass on a spring behind them."""
+    scene, (stiffness, ratio, radius, soft) = fb.Scene(), x
+    one, two = (scene.add_body((at, 0), mass=1.0, inertia=0.1 * (at + 1)) for at in (0, 1))
+    three = scene.add_body((3, 1), mass=1.5, inertia=0.1)
+    four = scene.add_body((3, 2), mass=0.5, inertia=0.1)
+    spring = fb.Spring(stiffness, **HARDENS)
+    first = scene.add_joint(fb.Revolute(fb.GROUND, one.centre, spring=spring))
+    second = scene.add_joint(fb.Revolute(fb.GROUND, two.centre))
+    slide = scene.add_joint(fb.Prismatic(fb.GROUND, three.centre, axis=(1, 0)))
+    scene.add_joint(fb.Gear(first, second, ratio=ratio))
+    scene.add_joint(fb.Rack(second, slide, radius=radius))
+    scene.add_force_between(three.centre, four.centre, spring=fb.Spring(soft, rest=1.0))
+    lift = fb.Prismatic(fb.GROUND, four.centre, axis=(0, 1), spring=fb.Spring(20.0))
+    scene.add_joint(lift)
+    outputs = {
+        "angle": fb.Output("angle", second),
+        "slide": fb.Output("slide", slide),
+        "lift": fb.Output("velocity", four.centre),
+    }
+    return scene, outputs | {"period": fb.Output("period", scene)}
+
+
+def linkage(x):
+    """Four bars, of which the length x[0] of the crank changes where the others begin."""
+    scene, places = fb.Scene(), np.array([(0, 0), (0, x[0]), (0.5, 0.6), (0.5, 0)])
+    bars = [
+        scene.add_body((a + b) / 2, mass=1.0, inertia=0.1, points={"a": a, "b": b})
+        for a, b in zip(places, places[1:], strict=False)
+    ]
+    spring = fb.Spring(x[1], **HARDENS)
+    crank = scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"], spring=spring))
+    for bar, other in zip(bars, bars[1:], strict=False):
+        knee = scene.add_joint(fb.Revolute(bar["b"], other["a"]))
+    rocker = scene.add_joint(fb.Revolute(bars[2]["b"], fb.GROUND))
+    outputs = {
+        "crank": fb.Output("angle", crank),
+        "rocker": fb.Output("angle", rocker),
+        "force": fb.Output("force", knee),
+        "centre": fb.Output("velocity", bars[1].centre),
+    }
+    return scene, outputs | {"period": fb.Output("period", scene)}
+
+
+@pytest.mark.parametrize("chosen", [{"amplitude": 0.1}, {"energy": 0.5}])
+@pytest.mark.parametrize(
+    ("build", "x"), [(geared, [30.0, -1.3, 0.4, 10.0]), (linkage, [0.6, 30.0])]
+)
+def test_what_follows_by_gears_and_loops_at_the_start_changes_with_their_numbers(build, x, chosen):
+    """Nothing moves the independent unknowns of the start, but the others with ratio and length."""
+    run = fb.PeriodicResponse(build, free(**chosen))
+    assert_orbit_slopes(run, x, 1e-6, multipliers=build is geared)
+
+
 def test_natural_strains_count_in_the_energy_of_a_free_motion():
     def build(x):
         section = fb.Section(EA=1e4, GA=1e4, EI=40.0, rhoA=1.0, rhoI=0.01)

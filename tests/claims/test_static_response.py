@@ -375,6 +375,36 @@ def test_a_start_that_goes_on_from_another_equilibrium():
         assert_derivatives(moving(with_outputs(build, *LOSSES), from_half), X)
 
 
+@pytest.mark.parametrize("kind", ["between", "rope", "to the ground"])
+@pytest.mark.parametrize("place", ["before the joint", "behind it", "at the tip"])
+def test_forces_of_a_joint_beside_a_line_that_is_taut_as_drawn(kind, place):
+    """Below the load factor 1 what holds the line fades, on the node of the joint alone."""
+
+    def build(x):
+        scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=50.0)
+        root = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+        arm = scene.add_beam([(1, 0), (2, 0)], section, elements=2)
+        scene.clamp(root.start)
+        joint = scene.add_joint(fb.Revolute(root.end, arm.start, spring=fb.Spring(50.0)))
+        node = {"before the joint": root.end, "behind it": arm.start, "at the tip": arm.end}[place]
+        if kind == "between":
+            line = scene.add_force_between(node, (1.2, 1.3), spring=fb.Spring(x[0], rest=x[1]))
+        elif kind == "rope":
+            line = scene.add_rope([node, (1.2, 1.3)], spring=fb.Spring(x[0]), length=x[1])
+        else:
+            line = scene.add_spring(node, y=fb.Spring(x[0], rest=0.1 * x[1])).y
+        scene.add_force(arm.end, (0, -1.0))
+        outputs = {
+            "joint": fb.Output("force", joint),
+            "clamp": fb.Output("reaction", root.start),
+            "line": fb.Output("force", line),
+            "M": fb.Output("M", root.at(0.3)),
+        }
+        return scene, outputs
+
+    assert_derivatives(fb.StaticResponse(build, load_steps=2, newton=EXACT), [30.0, 0.9])
+
+
 # -- What is refused -------------------------------------------------------------------------------
 
 

@@ -96,6 +96,33 @@ def test_the_balance_of_energy_holds_for_derivatives(response):
     assert abs(balance - balance[0]).max() < 1e-9 * size_of(J["total"])
 
 
+#: Scenes that stand without motion.
+STANDING = ["rigid bodies", "follower force", "rigid joint with offset", "prismatic with laws"]
+STANDING += ["revolute with spring and damper", "revolute with offset motor", "stop of a joint"]
+STANDING += ["closed loop", "sleeve on the ground", "sleeve on an arc", "loads inside elements"]
+STANDING += ["springs dampers and a stop to the ground", "loop of bodies with a slot"]
+
+
+@pytest.mark.parametrize("name", STANDING)
+def test_derivatives_of_equilibria_are_those_of_others_beside_a_line_taut_as_drawn(name):
+    """Also where what holds the line has not faded, and joints and loops pass it on."""
+
+    def build(x):
+        scene = SCENES[name].build(x)
+        pull = fb.Spring(3.0 * x[7], rest=0.2 * x[8])
+        line = scene.add_force_between(scene.nodes[-1], (1.5, 1.5), spring=pull)
+        outputs = outputs_of(scene, ("work", "dissipated"))
+        rates = "velocity", "spin", "acceleration", "rate"
+        outputs = {key: y for key, y in outputs.items() if not key.startswith(rates)}
+        return scene, outputs | {"pull": fb.Output("force", line)}
+
+    run = fb.StaticResponse(build, load_steps=2, newton=EXACT)
+    _, y = run(ONES)
+    J = run.jacobian()
+    assert_both_ways_agree(run, y, J)
+    assert_they_are_those_of_the_motion(run, ONES, J)
+
+
 DIFFERENCED = dict.fromkeys(
     ("free beam", "rigid bodies", "closed loop", "driven chain of bodies", "drag")
     + ("natural strains", "force between points", "circle carried by a body"),

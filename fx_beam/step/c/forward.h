@@ -48,13 +48,12 @@ static void jvp_rows(const Linear *l, Changes *x) {
   for (int i = COLLECTED; i <= MAPPED; ++i) jvp(l->of + i, x);
 }
 
-/* The changes of closing forces and of forces of joints, and of those that friction follows. */
-static void jvp_joints(const Loops *loops, const Work *w, const Linear *l, Changes *x) {
+/* The changes of closing forces, and of what they leave of rows. */
+static void jvp_closing(const Loops *loops, const Work *w, const Linear *l, Changes *x) {
   const Layout *at = &l->at;
   for (int i = 0; i < loops->closures; ++i) x[at->closing + i] = x[at->R + loops->column[w->following[i]]];
   if (loops->closures) solve_closures(loops, w, GROUP_SIZE, 1, (double *)(x + at->closing));
   jvp(l->of + CLOSED, x);
-  jvp(l->of + JOINED, x);
 }
 
 /* Sets the changes of the forces that friction follows; returns whether they are others. */
@@ -72,7 +71,7 @@ static void jvp_equations(const Tables *p, const Numbers *s, const Work *w, cons
                           int changes_mass, Changes *x) {
   for (int i = 0; i < p->free; ++i) l->block[w->factors.order[i]] = -x[l->at.Y + i];
   set_ends(p, s->points, &w->factors, l, 0, l->block, x);
-  jvp_forces(p, s, w, a, l, changes_mass, 0, x), jvp_rows(l, x);
+  jvp_forces(p, s, w, a, l, changes_mass, 0, x), jvp_rows(l, x), jvp_closing(&p->loops, w, l, x);
 }
 
 /* The changes of the state at the end, from the solution. */
@@ -107,7 +106,7 @@ static void jvp_group(const Tables *p, const Numbers *s, const Work *w, const De
     set_right_sides(p, &w->factors, at, x, l->block);
     solve_right_sides(p, s->points, w, l);
     set_ends(p, s->points, &w->factors, l, 0, l->block, x);
-    if (forces) jvp_forces(p, s, w, a, l, changes_mass, 0, x), jvp_rows(l, x), jvp_joints(&p->loops, w, l, x);
+    if (forces) jvp_forces(p, s, w, a, l, changes_mass, 0, x), jvp_rows(l, x), jvp_closing(&p->loops, w, l, x), jvp(l->of + JOINED, x);
     if (!p->at_points.friction_follows || !change_followed(a, l, x)) break;
   }
   if (!forces && p->at_points.spring_width) {

@@ -188,8 +188,7 @@ static void put_loads(const Tables *p, const Numbers *s, const Work *w, Linear *
       put(l->of + FORCED, l->at.columns + i, to, -now);
     }
   }
-  for (int i = 0; i < w->statics.holds; ++i)
-    put(l->of + FORCED, l->at.hold + i, HAS(COUPLED) ? l->at.R + i : l->at.r + w->statics.hold_dof[i], -1);
+  for (int i = 0; i < w->statics.holds; ++i) put(l->of + FORCED, l->at.hold + i, l->at.R + i, -1);
 }
 
 /* A force or an internal variable of a law of forces at points by all that it is given; returns the slopes of the next. */
@@ -389,7 +388,7 @@ static void linearise(const Tables *p, const Numbers *s, const Work *w, const De
   put_closures(p, s, w, l, 1, 1, l->of + MAPPED);
   if (first) {
     put_auxiliaries(p, l, w->values0, l->at.Y, l->of + BEGUN), put_places(p, w, l, w->values0, 0, l->of + BEGUN);
-    if (a->unknown_slopes) put_closures(p, s, w, l, 0, 1, l->of + BEGUN);
+    put_closures(p, s, w, l, 0, 1, l->of + BEGUN);
   }
   forces |= p->at_points.friction_follows;
   if (forces || a->unknown_slopes) put_closing(p, w, l);
@@ -435,5 +434,6 @@ static void set_right_sides(const Tables *p, const Factors *factors, const Layou
   for (int i = 0; HAS(COUPLED) && i < p->free; ++i) block[order[i]] = x[at->R + i];
   for (int i = 0; !HAS(COUPLED) && i < p->dofs; ++i)
     if (column[i] < p->free) block[order[column[i]]] += x[at->r + i];
+  for (int i = 0; !HAS(COUPLED) && i < at->Y1 - at->hold; ++i) block[order[i]] -= x[at->hold + i];
   for (int i = 0; i < p->loops.closures; ++i) block[order[p->system.unknowns - p->loops.closures + i]] = x[at->closures + i];
 }

@@ -51,10 +51,9 @@ typedef struct { double last, slowest; } Sequence;
    smaller than those before. */
 typedef struct { Sequence sizes, errors; int small, stalled; } Convergence;
 
-/* Of statics: holding forces on the unknowns, and the first degrees of freedom of those of which there are derivatives, with
-   their number; positions in the tangent and size of a viscosity on increments; a yielding of forces that close loops, in rates that
-   fit joints. */
-typedef struct { double *hold; int *hold_dof, holds, *diagonal_at; double viscosity, yielding; } Statics;
+/* Of statics: holding forces on the unknowns, and the number of those of which there are derivatives; positions in the tangent
+   and size of a viscosity on increments; a yielding of forces that close loops, in rates that fit joints. */
+typedef struct { double *hold; int holds, *diagonal_at; double viscosity, yielding; } Statics;
 
 /* The state. Its arrays and those of the predictor are in one piece of memory. */
 typedef struct {

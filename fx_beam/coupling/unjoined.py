@@ -1,0 +1,102 @@
+"""Ends of beams that lie on another beam without being joined to it, as in a drawing of lines."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.errors import warn_once
+from fx_beam.fem.mesh import Mesh
+from fx_beam.fem.sparsity import connected_parts
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.joints import GROUND
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.sliders import SlidingJoint
+
+# An end lies on a beam if it is so near to it, relative to the scene.
+_NEAR = 1e-6
+# So many are named.
+_NAMED = 3
+
+
+def warn_of_unjoined(scene: Scene, mesh: Mesh) -> None:
+    """Warn of beams that end on another one without a joint, a contact or a line between them."""
+    if len(scene.beams) < 2:
+        return
+    parts, held = _connected(scene, len(mesh.X))
+    ends = np.unique([nodes[i] for nodes in mesh.nodes for i in (0, -1)])
+    ends = np.setdiff1d(ends, held)
+    found = _touching(mesh, ends, parts) if len(ends) else []
+    if not found or not (left := _unintended(scene, mesh, parts, found)):
+        return
+    more = f", and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
+    warn_once(
+        f"not joined: {'; '.join(left[:_NAMED])}{more}. Beams are joined by common nodes, such as "
+        "beam.end and beam.node(fraction) as a point of another one, or by joints; a joint, a "
+        "contact or a line between them says that they are apart on purpose"
+    )
+
+
+def _touching(mesh: Mesh, ends: np.ndarray, parts: np.ndarray) -> list[tuple[int, int]]:
+    """Of `ends` those that lie on a beam whose nodes there are in other parts, and its number."""
+    from scipy.spatial import cKDTree
+
+    X, near, degree = mesh.X, _NEAR * mesh.size, mesh.elements.shape[1] - 1
+    first, second = mesh.elements[:, :-1].ravel(), mesh.elements[:, 1:].ravel()
+    ways = X[second] - X[first]
+    lengths = np.hypot(*ways.T)
+    close = cKDTree(X[ends]).query_ball_point(X[first] + ways / 2, lengths / 2 + near)
+    piece = np.repeat(np.arange(len(first)), [len(numbers) for numbers in close])
+    node = ends[np.concatenate(close).astype(int)]
+    part = parts[node]
+    is_other = (part != parts[first[piece]]) & (part != parts[second[piece]])
+    piece, node = piece[is_other], node[is_other]
+    arms, along = X[node] - X[first[piece]], ways[piece] / lengths[piece, None]
+    s = np.clip((arms * along).sum(axis=1), 0, lengths[piece])
+    lies_on = np.hypot(*(arms - s[:, None] * along).T) <= near
+    beam = mesh.beam_of_cell[piece[lies_on] // degree]
+    return [*dict.fromkeys(zip(node[lies_on].tolist(), beam.tolist(), strict=True))]
+
+
+def _unintended(
+    scene: Scene, mesh: Mesh, parts: np.ndarray, found: list[tuple[int, int]]
+) -> list[str]:
+    """In words the nodes and beams that nothing connects, of those that touch."""
+    beams_at: dict[int, list[int]] = {}
+    for i, nodes in enumerate(mesh.nodes):
+        for node in {int(nodes[0]), int(nodes[-1])}:
+            beams_at.setdefault(node, []).append(i)
+    left = dict[tuple, str]()
+    for node, i in found:
+        ending = beams_at[node]
+        mine = parts[[node, *(len(mesh.X) + k for k in ending)]]
+        others = parts[[*mesh.nodes[i], len(mesh.X) + i]]
+        if i in ending or np.isin(mine, others).any():
+            continue
+        beam, other = scene.beams[ending[0]], scene.beams[i]
+        (x, y), pair = mesh.X[node], sorted((ending[0], i))
+        text = f"beam {beam.name!r} ends at ({x:g}, {y:g}) on beam {other.name!r}"
+        left.setdefault((*pair, f"{x:g}, {y:g}"), text)
+    return [*left.values()]
+
+
+def _connected(scene: Scene, count: int) -> tuple[np.ndarray, list[int]]:
+    """The part to which each of so many nodes, and then each beam, belongs; nodes that are held.
+
+    Parts are connected by joints, contacts and lines, not by beams.
+    """
+    number_of = {id(beam): count + i for i, beam in enumerate(scene.beams)}
+    held = {node for node, i in scene.fixed if i == 0 and (node, 1) in scene.fixed}
+    links = list[tuple[int, int]]()
+    for contact in scene.contacts:
+        other = contact.shape if isinstance(contact.shape, Beam) else contact.shape.carrier
+        pair = contact.target, other or GROUND
+        links.append(tuple(number_of.get(id(part), getattr(part, "number", -1)) for part in pair))
+    for line in scene.forces_between:
+        links += zip(line.nodes, line.nodes[1:], strict=False)
+    for joint in scene.joints:
+        a = number_of[id(joint.beam)] if isinstance(joint, SlidingJoint) else joint.a.number
+        links.append((a, joint.b.number))
+        if min(links[-1]) < 0:
+            held |= {*links[-1]}
+    pairs = np.array([pair for pair in links if min(pair) >= 0], int).reshape(-1, 2)
+    return connected_parts(pairs.T, count + len(scene.beams)), [*held]
