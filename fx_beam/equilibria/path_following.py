@@ -77,9 +77,10 @@ class PathFollowing:
         while not self._ends:
             try:
                 next(steps)
-            except StepError:
-                states = self._states
-                if len(states) < 3 or replaced is states[-2] or self._stats.limit_points:
+            except StepError as error:
+                states, failed = self._states, isinstance(error.__cause__, StepFailed)
+                may_be_replaced = len(states) > 2 and states[-2] is not replaced
+                if not (failed and may_be_replaced) or self._stats.limit_points:
                     raise
                 replaced, self._cuts = states[-2], 0
                 steps = self._steps(*self._before(states.pop()))
