@@ -47,7 +47,9 @@ class Crossings:
         count, next_count = (self.motions.count(state, old) for state in (old, new))
         if count is None or next_count is None or abs(next_count - count) in (0, limits):
             return
-        if self.arc.stepper.may_be_cut and next_count > count + 1:
+        stepper = self.arc.stepper
+        rises = stepper.may_be_cut and stepper.options.continuation is None
+        if rises and not count and next_count > 1:
             self._check_bent(old, new, next_count)
         crossings, missing = self._in_step(old, new, count, next_count, whole=False)
         if missing:
@@ -62,7 +64,7 @@ class Crossings:
         self._seen[id(new)] = old, new, crossings
 
     def _check_bent(self, old: State, new: State, count: int) -> None:
-        """StepFailed if loads bend the unstable modes behind a step: it is soon shorter."""
+        """StepFailed if loads bend the unstable modes behind a step from a stable state."""
         bends = False
         with suppress(*FAILURES):
             K = self.motions.stiffness(new)
