@@ -233,7 +233,7 @@ class PathStability:
             if (root := end_of(piece, eigenvalue, far)) is None:
                 return []
             modes = motions.vanishing(root.stiffness, 1, count + 1)
-            if root.kind == BIFURCATION and self._crossings.bends(root, modes):
+            if root.kind == BIFURCATION and self._crossings.bends(root.state, modes):
                 if root.rise <= _STEEP:
                     root.kind = LIMIT_POINT
                 elif not is_equilibrium(self._crossings.arc, root.state):

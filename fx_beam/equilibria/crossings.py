@@ -6,6 +6,7 @@ A step in which their number changes at no point that is found has left its path
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 
@@ -46,7 +47,11 @@ class Crossings:
         count, next_count = (self.motions.count(state, old) for state in (old, new))
         if count is None or next_count is None or abs(next_count - count) in (0, limits):
             return
-        crossings, missing = self._in_step(old, new, count, next_count)
+        stepper = self.arc.stepper
+        rises = stepper.may_be_cut and stepper.options.continuation is None
+        if rises and not count and next_count > 1:
+            self._check_bent(old, new, next_count)
+        crossings, missing = self._in_step(old, new, count, next_count, whole=False)
         if missing:
             count, next_count = self.motions.count_again(old, new)
             if count == next_count:
@@ -58,6 +63,16 @@ class Crossings:
             raise StepFailed("off the path", reason, new.q - old.q)
         self._seen[id(new)] = old, new, crossings
 
+    def _check_bent(self, old: State, new: State, count: int) -> None:
+        """StepFailed if loads bend the unstable modes behind a step from a stable state."""
+        bends = False
+        with suppress(*FAILURES):
+            K = self.motions.stiffness(new)
+            bends = self.motions.symmetric(K) and self.bends(new, self.motions.lowest(K, count)[1])
+        if bends:
+            reason = "modes that the loads bend become unstable in it"
+            raise StepFailed("off the path", reason, new.q - old.q)
+
     def between(
         self, old: State, new: State, count: int, next_count: int
     ) -> tuple[list[Crossing], str]:
@@ -67,29 +82,36 @@ class Crossings:
             return cached[2], ""
         return self._in_step(old, new, count, next_count)
 
-    def _in_step(self, old: State, new: State, *counts: int) -> tuple[list[Crossing], str]:
-        """Points in a step, and why another one was not found; empty if all were."""
+    def _in_step(
+        self, old: State, new: State, *counts: int, whole: bool = True
+    ) -> tuple[list[Crossing], str]:
+        """Points in a step, and why another one was not found; empty if all were.
+
+        If the `whole` is not wanted, those before the first that is not found.
+        """
         try:
             piece = Piece(self.arc, self.motions, old, new)
             brackets = brackets_of(piece, *counts)
         except FAILURES as failure:
             return [], str(failure)
         crossings = list[Crossing]()
-        reason, last = "" if brackets else "all modes stay as they are", -np.inf
+        missing, last = "" if brackets else "all modes stay as they are", -np.inf
         for bracket in brackets:
+            if missing and not whole:
+                break
             multiplicity = bracket.many - bracket.few
             try:
                 root = root_of(piece, self.eigenvalue(piece, bracket.few), bracket)
                 stays = self._is_on_path(root, multiplicity, max(counts))
             except FAILURES as failure:
-                reason = str(failure)
+                missing = str(failure)
                 continue
             if not stays:
-                reason = "the step reaches another path"
+                missing = "the step reaches another path"
             elif root.place - last > SAME * piece.length:  # else it is the same one, divided
                 crossings.append((root, multiplicity))
                 last = root.place
-        return crossings, reason
+        return crossings, missing
 
     def _is_on_path(self, root: Root, multiplicity: int, unstable: int) -> bool:
         """Whether a smooth point is an equilibrium, at which no rising load bends its modes."""
@@ -99,11 +121,13 @@ class Crossings:
             return False
         if root.kind == LIMIT_POINT or not self.motions.symmetric(root.stiffness):
             return True
-        return not self.bends(root, self.motions.vanishing(root.stiffness, multiplicity, unstable))
+        return not self.bends(
+            root.state, self.motions.vanishing(root.stiffness, multiplicity, unstable)
+        )
 
-    def bends(self, root: Root, vectors: np.ndarray) -> bool:
-        """Whether the loads up to a point do work on its modes (unknowns, n)."""
-        stepper, state, unit = self.arc.stepper, root.state, self.motions.unit
+    def bends(self, state: State, vectors: np.ndarray) -> bool:
+        """Whether the loads up to a state do work on its modes (unknowns, n)."""
+        stepper, unit = self.arc.stepper, self.motions.unit
         K = self.motions.stiffness(state)
         stepper.path.begin(state)
         apart = _PART_OF_LOADS * abs(state.t)

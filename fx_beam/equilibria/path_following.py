@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
@@ -26,6 +28,8 @@ _FARTHEST, _LEVEL = 1e5, 0.01
 # Change of the load factor in a step, relative to that of a load step, at which it is taken again.
 # It is not if it is so short that this would not help.
 _EXCESS, _SHORTEST = 1 + 1e-6, 1e-12
+# Part of a step to a bifurcation, beyond which no step goes on, that is taken in its place.
+_BEFORE = 0.7
 # Smallest number of states of a closed path.
 _ROUND = 6
 
@@ -68,9 +72,31 @@ class PathFollowing:
         else:
             tangent, length = self._start
         self._arc.rising = 1.0 if tangent.load >= 0 else -1.0
-        steps = follow(tangent, length, self._advance, self._shorter, (StepFailed, _TooLong))
+        steps = self._steps(tangent, length)
+        replaced = None
         while not self._ends:
-            next(steps)
+            try:
+                next(steps)
+            except StepError as error:
+                states, failed = self._states, isinstance(error.__cause__, StepFailed)
+                may_be_replaced = len(states) > 2 and states[-2] is not replaced
+                if not (failed and may_be_replaced) or self._stats.limit_points:
+                    raise
+                replaced, self._cuts = states[-2], 0
+                steps = self._steps(*self._before(states.pop()))
+
+    def _steps(self, tangent: Tangent, length: float) -> Iterator[object]:
+        return follow(tangent, length, self._advance, self._shorter, (StepFailed, _TooLong))
+
+    def _before(self, state: State) -> tuple[Tangent, float]:
+        """Tangent and length of a step from the last state, not as far as to another one.
+
+        A state at a bifurcation has no definite tangent from which to go on.
+        """
+        path, last = self._stepper.path, self._states[-1]
+        path.begin(last)
+        tangent = path.with_the_load(np.zeros(self._arc.model.reduction.free), 0.0)
+        return tangent, _BEFORE * path.length(state.q - last.q, state.t - last.t)
 
     @property
     def _ends(self) -> bool:

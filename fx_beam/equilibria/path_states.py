@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from contextlib import suppress
 from dataclasses import replace
 
@@ -23,10 +24,13 @@ from .path_following import PathFollowing
 from .rising_loads import raise_load
 from .settling import Settling
 
+_log = logging.getLogger("fx_beam")
 #: What a path starts from: rest, a solution or a branch.
 Start = Solution | Branch | None
 # A scene that cannot follow even this part of its loads, one in so many, may settle instead.
 _SHORTEST = 100
+# How often loads double from the first under which such a scene settles.
+_DOUBLINGS = 24
 # Forces that hold the reference, relative to the largest forces at nodes, that are round-off.
 _HELD = 1e-9
 
@@ -75,6 +79,12 @@ class PathStates:
                 settled = self._settled_again(states[-1], error)
                 if not slack:
                     states.clear()
+                    _log.warning(
+                        "static: the scene follows no small part of its loads, as what is slack, "
+                        "or is pushed together with hardly a load across: it has settled at load "
+                        "factor %.3g, without rows before",
+                        settled.t,
+                    )
                 states.append(settled)
                 slack = True
 
@@ -84,11 +94,23 @@ class PathStates:
         holding_forces, path.held = path.held, 0 * path.held
         with suppress(SceneError):
             goal = (np.floor(state.t * steps + 1e-9) + 1) / steps
-            new = Settling(self._stepper, str(error)).settled(state, float(goal))
+            new = self._settled_by_parts(state, float(goal), str(error))
             if not self._stepper.motions.count(new, new):
                 return new
         path.held = holding_forces
         raise error
+
+    def _settled_by_parts(self, state: State, goal: float, reason: str) -> State:
+        """The equilibrium that is found by settling under loads that double from a small part.
+
+        What is pushed together then bends to the side of its load, as by the lowest mode.
+        """
+        settling, last = Settling(self._stepper, reason), state
+        settling.keeps_side = True
+        for part in (2.0 ** -np.arange(_DOUBLINGS, 0, -1)).tolist():
+            with suppress(SceneError):
+                last = settling.settled(last, state.t + part * (goal - state.t))
+        return settling.settled(last, goal)
 
     def _branch_off(self, start: Branch, states: list[State]) -> None:
         """Append the states of a branch."""

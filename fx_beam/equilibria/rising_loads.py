@@ -24,21 +24,40 @@ def raise_load(stepper: LoadStepper, states: list[State]) -> None:
     count = stepper.options.load_steps * longest
     place = round(states[-1].t * stepper.options.load_steps) * longest
     while place < count:
-        goal = (place + stride) / count
+        end = place + min(stride, longest - place % longest)
+        goal = end / count
         stepper.may_be_cut = stride > 1
         stepper.hold_between(place / count, goal)
         try:
             states.append(stepper.step(states[-1], goal))
         except StepFailed as failure:
             if stride == 1:
-                raise _error(stepper, states[-1], goal, failure) from failure
+                if not _stepped_over(stepper, states, goal):
+                    raise _error(stepper, states[-1], goal, failure) from failure
+                place, stride = end, longest
+                continue
             stepper.stats.halvings += 1
             stride //= 2
             continue
-        place += stride
+        place = end
         easy = stepper.deviation <= EASY_DEVIATION and stepper.iterations <= _EASY_ITERATIONS
         if easy and 2 * stride <= longest and place % (2 * stride) == 0:
             stride *= 2
+
+
+def _stepped_over(stepper: LoadStepper, states: list[State], goal: float) -> bool:
+    """Whether a step from the last state but one to a goal replaces the last one.
+
+    A state at a bifurcation has no definite tangent from which to go on.
+    """
+    if len(states) < 2:
+        return False
+    stepper.hold_between(states[-2].t, goal)
+    try:
+        states[-2:] = states[-2], stepper.step(states[-2], goal)
+    except StepFailed:
+        return False
+    return True
 
 
 def _error(stepper: LoadStepper, state: State, goal: float, failure: StepFailed) -> StepError:

@@ -58,6 +58,8 @@ class Settling:
         self._why = reason or stepper.model.mechanism
         self.stepper, self.model, self._loop = stepper, stepper.model, stepper.loop
         self._weights = self._loop.drag_weight.copy()
+        #: Whether no mode may grow against the drag in a step, which may turn its sign.
+        self.keeps_side = False
 
     def settled(self, state: State, goal: float) -> State:
         """The equilibrium that is found from a state. SceneError if there is none."""
@@ -134,6 +136,8 @@ class Settling:
         if (bent and not self.model.kinks.flowed(state, new)) or moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D)
         check_circles(self.model, state, new)
+        if self.keeps_side:
+            self._check_side(state, goal, step.predicted)
         work, gained, rounding = self.stepper.energies.work_and_gain(state, new, step.D)
         drag_work = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
         self.stepper.motions.note(new, self._loop)
@@ -141,6 +145,15 @@ class Settling:
         if saddle or not work - gained + rounding >= _LEAST_WORK * drag_work:
             raise StepFailed("off the path", "the step goes up", step.D)
         return new, moved
+
+    def _check_side(self, state: State, goal: float, predicted: np.ndarray) -> None:
+        """StepFailed if a mode grows against the drag before a step or by its predictor (size,).
+
+        An implicit step turns its sign.
+        """
+        straight = state.changed(t=goal, q=state.q + predicted)
+        if any(sum(self.stepper.motions.growing(place)) for place in (state, straight)):
+            raise StepFailed("off the path", "a mode grows faster than the drag", predicted)
 
     def _size(self, D: np.ndarray) -> float:
         return float(abs(D / self.model.units.nodes).max(initial=0.0))

@@ -24,6 +24,7 @@ from fx_beam.errors import (
 from . import loads
 from .beam import COMPONENTS, Beam, BeamPlace, Node, Nodes, checked_degree, position_of
 from .body import Body, Members, check_body, velocities_of
+from .coarse_beams import warn_of_coarse_elements
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
@@ -207,7 +208,7 @@ class Scene:
         offset : float, optional
             Distance of the axis from the points, to the left as one goes from start to end [m]: of
             a rib below a plate, or a rail that is held at its foot. Rigid arms hold the axis at the
-            ends of the elements.
+            ends of the elements: of degree 2 or 3 take 16 or more for layers that bend as one.
 
         Returns
         -------
@@ -235,7 +236,9 @@ class Scene:
         line = layout(points, elements, degree, name)
         if offset is None:
             nodes = self._nodes_at(line.ends, f"beam {name!r}")
-            return self.beams.add(Beam(name, nodes, degree, line.s, section, line.inner))
+            beam = Beam(name, nodes, degree, line.s, section, line.inner)
+            warn_of_coarse_elements(beam)
+            return self.beams.add(beam)
         from .eccentric import shifted
 
         axis = shifted(line, offset, name)
@@ -244,6 +247,7 @@ class Scene:
             self._numbered(Rigid(a, b, offset=(b.x - a.x, b.y - a.y)))
         fractions = line.s / line.s[-1]
         beam = Beam(name, nodes, degree, axis.s, section, axis.inner, fractions, carriers)
+        warn_of_coarse_elements(beam)
         return self.beams.add(beam)
 
     def add_mesh(

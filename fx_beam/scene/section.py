@@ -152,7 +152,7 @@ class Section:
     Each stiffness and inertia may be a function of the fraction of the arc length, from 0 at the
     start of the beam to 1 at its end, for a tapered or stepped beam. The function takes and
     returns a number; it may use Python, NumPy or UFL. It is evaluated at the Gauss points: a jump
-    between two elements is exact.
+    between two elements is exact; of one inside an element `add_beam` warns.
 
     Parameters
     ----------

@@ -1,0 +1,75 @@
+"""A step that ends on a critical point is taken in another length, and the point is found."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import fx_beam as fb
+
+WAYS = [None, "arc-length"]
+
+
+def ring():
+    """A half ring on two pins under pressure 4; it buckles at 3 EI / R^3 (Timoshenko)."""
+    scene = fb.Scene()
+    shape = fb.Curve(lambda f: (np.cos(np.pi * f), np.sin(np.pi * f)))
+    section = fb.Section(EA=1e6, GA=1e6, EI=1.0)
+    arch = scene.add_beam(shape, section, elements=16, degree=3)
+    scene.pin(arch.start)
+    scene.pin(arch.end)
+    scene.add_line_load(arch, 4.0, follower=True)
+    return scene
+
+
+def column(load, turn=0.7):
+    """A clamped column aslant under an end load along it."""
+    along = np.array([np.cos(turn), np.sin(turn)])
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), along], fb.Section(1e6, 1e6, 1.0), elements=8, degree=3)
+    scene.clamp(bar.start)
+    scene.add_force(bar.end, tuple(-load * along))
+    return scene
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("steps", [4, 19, 20])
+def test_a_ring_whose_load_step_ends_at_its_buckling_load(steps, way):
+    path = fb.static(ring(), load_steps=steps, continuation=way)
+    (point,) = path.critical_points
+    assert point.kind == "bifurcation"
+    assert point.load_factor == pytest.approx(0.75, abs=1e-6)
+    assert path.load_factor[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("apart", [0.0, 1e-9, -1e-9, 1e-7, -1e-7, 1e-6])
+def test_a_column_whose_load_step_ends_at_its_critical_load(apart, way):
+    critical = 3.0 * fb.static(column(3.0)).critical_points[0].load_factor
+    assert critical == pytest.approx(np.pi**2 / 4, rel=1e-4)
+    path = fb.static(column(2 * critical * (1 + apart)), continuation=way)
+    (point,) = path.critical_points
+    assert point.load_factor == pytest.approx(0.5, abs=1e-6)
+    assert (np.diff(path.load_factor) > 0).all() and path.load_factor[-1] == pytest.approx(1.0)
+    assert not path.stable[-1]
+
+
+def test_a_shallow_truss_whose_step_ends_at_its_limit_point():
+    """Of two springs, by von Mises: P = 2 k (L/l - 1) h has its maximum at load factor 0.5."""
+    rise, k = 0.2, 1e3
+    rest = np.hypot(1.0, rise)
+
+    def force(h):
+        return 2 * k * (rest / np.hypot(1.0, h) - 1) * h
+
+    top = brentq(lambda h: force(h + 1e-7) - force(h - 1e-7), 0.05, 0.15)
+    scene = fb.Scene()
+    ball = scene.add_body((0, rise), 1.0).centre
+    scene.fix(ball, "x", "rotation")
+    for x in (-1.0, 1.0):
+        scene.add_force_between(ball, (x, 0.0), spring=fb.Spring(k, rest=rest))
+    scene.add_force(ball, (0.0, -2 * force(top)))
+    path = fb.static(scene, load_steps=10, continuation="arc-length")
+    first = path.critical_points[0]
+    assert first.kind == "limit point"
+    assert first.load_factor == pytest.approx(0.5, abs=1e-7)
+    assert path.load_factor[-1] == pytest.approx(1.0)
