@@ -45,14 +45,19 @@ class LocalOutput(RowOutput):
             states = sub_steps.states[self._rates if array == "v" else array]
             return states[places.ends][:, entries]
 
+        spans, counted = self._model.points.spans_of(measured), None
+        if spans is not None:
+            counted = sub_steps.states["spring internal"][places.ends][:, spans]
         at_rest = self._model.scheme.rates.at_rest and measured.quantity.of in ("v", "a")
-        slopes = () if at_rest or not len(places.ends) else self._slopes_of(measured, read)
+        slopes = () if at_rest or not len(places.ends) else self._slopes_of(measured, read, counted)
         self._blocks = [block for slope in slopes for block in self._blocks_of(*slope)]
 
-    def _slopes_of(self, measured: Measured, read: Read) -> Iterable[Slope]:
+    def _slopes_of(
+        self, measured: Measured, read: Read, counted: np.ndarray | None
+    ) -> Iterable[Slope]:
         if (joint := measured.sliding) is not None:
             return [Slope("rates of slides", np.array([joint.number]), np.ones((1, 1, 1)))]
-        return measured.slopes(read)
+        return measured.slopes(read, counted)
 
     def blocks(self, rows: np.ndarray) -> list[Block]:
         """Derivatives of the output, in all rows."""

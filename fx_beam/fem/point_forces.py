@@ -293,6 +293,13 @@ class PointForces:
         """Whether there are internal variables that do not only count."""
         return self.width > sum(placed.law.law.counters for placed in self.placed)
 
+    def spans_of(self, measured: Any) -> np.ndarray | None:
+        """Places of half turns of spans, of the length of a rope over pulleys; else None."""
+        for placed in self.placed:
+            if measured.counts_turns and placed.force.line == measured.place.number:
+                return placed.counters
+        return None
+
     @property
     def owners(self) -> np.ndarray:
         """Owner in the scene of each internal variable (width,), as text."""

@@ -30,6 +30,12 @@ _AT_ONCE = 20_000
 # Steps that an impact needs: 10, or 6 / (e + 0.2) if the restitution e asks for more. Impacts that
 # are slower than 10 times the speed below which the loss is viscous do not count.
 _STEPS, _OF_LOSS, _FAST = 10, 6.0, 10.0
+# Restitution of a plastic impact; stiffness of friction, relative to its contact, from which
+# what sticks does so at once (3 % of the spin of a rimless wheel); part of the limit below which it
+# sticks, and of the normal force from which friction matters.
+_PLASTIC, _STIFFER, _STUCK, _ALONG = 0.1, 30.0, 0.98, 0.05
+# Part of the largest motion in a step towards a contact, below which one is no impact.
+_OF_FASTEST = 1e-2
 # Both half thicknesses, relative to the radius of curvature, from which bends are sharp.
 _SHARP = 0.95
 # Nodes of all rows that are looked at together.
@@ -47,6 +53,8 @@ def warn_of_places(
     _warn_of_bumps(solution)
     if not solution.stats.static:
         _warn_of_short_impacts(solution, joints)
+        _warn_of_hits_at_once(solution)
+        _warn_of_soft_landings(solution)
     warn_of_sharp_bends(solution)
     for line in lines:
         if line.kinds:
@@ -238,6 +246,82 @@ def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
             "or a smaller stiffness",
             *(owner, t, steps, law.restitution, _steps_for(law.restitution)),
         )
+
+
+def _warn_of_hits_at_once(solution: Solution) -> None:
+    """Warn of a body with two impacts of few steps at once: it shares momentum wrongly.
+
+    Where each step has a row.
+    """
+    if len(solution.t) < 3 or len(solution.t) != solution.stats.steps + 1:
+        return
+    body_of = {n.number: body.name for body in solution.bodies.values() for n in body.nodes}
+    of_body: dict[object, list[Contact]] = {}
+    for contact in solution.contacts:
+        carrier = getattr(contact.shape, "carrier", None)
+        ends = (contact.target, carrier) if isinstance(contact.target, Node) else ()
+        for node in filter(None, ends):
+            of_body.setdefault(body_of.get(node.number, node.number), []).append(contact)
+    gaps = {c.number: solution.contact(c).gap[:, 0] for cs in of_body.values() for c in cs}
+    steps = {number: _steps_of_touch(gap) for number, gap in gaps.items()}
+    fastest = max((-np.diff(gap).min() for gap in gaps.values()), default=0.0)
+    for contacts in of_body.values():
+        for a, b in itertools.combinations(contacts, 2):
+            both = (steps[a.number] > 0) & (steps[b.number] > 0)
+            short = np.minimum(steps[a.number], steps[b.number]) < _STEPS
+            hits = np.diff(gaps[a.number]), np.diff(gaps[b.number])
+            bad = both & short & (np.minimum(*hits) < -_OF_FASTEST * fastest)
+            if bad.any():
+                _log.warning(
+                    "simulate: %s and %s: both touch one body in the step to t = %.6g, and one of "
+                    "them for less than %d steps: bodies that hit in turn would share momentum "
+                    "wrongly. Take steps of a tenth of a contact (1 %%), whose time is about "
+                    "pi sqrt(m / k) with the reduced mass m, a smaller stiffness, or a tolerance",
+                    *(a, b, solution.t[1 + int(np.argmax(bad))], _STEPS),
+                )
+                return
+
+
+def _warn_of_soft_landings(solution: Solution) -> None:
+    """Warn of plastic impacts that stick on a bristle which is not far stiffer than the contact.
+
+    Where each step has a row, with forces.
+    """
+    if len(solution.t) < 3 or len(solution.t) != solution.stats.steps + 1:
+        return
+    for obstacle in solution.contacts:
+        friction, stiffness = obstacle.friction, obstacle.stiffness
+        if friction is None or obstacle.restitution > _PLASTIC or isinstance(obstacle.shape, Beam):
+            continue
+        known = obstacle.energy is None and len(solution.contact_forces)
+        if friction.stiffness >= _STIFFER * stiffness or not known:
+            continue
+        contact = solution.contact(obstacle)
+        gap, t, speed = contact.gap, solution.t, _FAST * (obstacle.speed or 0.0)
+        fast = -np.diff(gap, axis=0) > speed * np.diff(t)[:, None]
+        begins = (gap[1:] < 0) & (gap[:-1] >= 0) & fast
+        pull, normal = abs(contact.tangential), contact.normal
+        sticks = (pull < _STUCK * friction.mu * normal) & (pull > _ALONG * normal)
+        soon = _steps_for(0.0)
+        landed = [k for k, i in np.argwhere(begins) if sticks[k + 1 : k + 1 + soon, i].any()]
+        if landed:
+            _log.warning(
+                "simulate: %s: at t = %.6g it lands without restitution and sticks, with a "
+                "friction of %.3g of its stiffness: how much momentum along the surface is lost "
+                "depends on this ratio, by up to a third. Give friction=fx_beam.Coulomb(mu, "
+                "stiffness) a hundred times the stiffness of the contact",
+                *(obstacle, t[landed[0] + 1], friction.stiffness / stiffness),
+            )
+
+
+def _steps_of_touch(gap: np.ndarray) -> np.ndarray:
+    """For each step (n - 1,) of gaps (n,) the number of steps of the touch it is in; 0 for none."""
+    touches = (gap[1:] < 0) | (gap[:-1] < 0)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], touches, [False]])))
+    steps = np.zeros(len(touches), dtype=int)
+    for first, end in ends.reshape(-1, 2):
+        steps[first:end] = end - first
+    return steps
 
 
 def _steps_for(restitution: float) -> int:

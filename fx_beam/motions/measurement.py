@@ -151,15 +151,11 @@ def _reading(model: Model, array_of: Arrays, turns: TurnCounter, measured: Measu
         now = values.reshape(-1)[entries]
         return now + turns.removed[entries] if turning and array == "q" else now
 
-    turning_spans = [
-        placed.counters
-        for placed in model.points.placed
-        if measured.counts_turns and placed.force.line == measured.place.number
-    ]
+    spans = model.points.spans_of(measured)
 
     def counted() -> np.ndarray | None:
         """Half turns of the spans of a rope."""
-        return array_of("spring_internal")[turning_spans[0]] if turning_spans else None
+        return None if spans is None else array_of("spring_internal")[spans]
 
     def read() -> Any:
         value = measured.values(read_now, counted())

@@ -177,7 +177,8 @@ class Coulomb:
         Coefficient of friction.
     stiffness : float
         Stiffness kt of a node along the surface [N/m], of a beam per length [N/m^2]; of a slide
-        [N/m] and of a pin [N m/rad]. Try that of the contact.
+        [N/m] and of a pin [N m/rad]. Try that of the contact, and a hundred times that where what
+        lands without restitution sticks: a leg, a rod, a rimless wheel.
     radius : float, optional
         Radius R of a pin [m], for the rotation of a joint.
     damping : float, optional

@@ -100,8 +100,10 @@ class Measured:
         y = self._function(self._floats, *parts, *([counted] if self.counts_turns else []))
         return y if self.shape else y[..., 0]
 
-    def slopes(self, read: Read | None = None) -> Iterator[Slope]:
-        """Derivatives that are not zero; without `read` of what `is_constant`."""
+    def slopes(
+        self, read: Read | None = None, counted: np.ndarray | None = None
+    ) -> Iterator[Slope]:
+        """Derivatives that are not zero, with half turns; without `read` of what `is_constant`."""
         k = len(self._floats)
         if self.is_linear:
             yield from self._constant_slopes
@@ -118,7 +120,7 @@ class Measured:
         units, duals = np.eye(ends[-1]), list[Dual]()
         for x, a, b in zip([self._floats, *parts], ends[:-1], ends[1:], strict=True):
             duals.append(Dual(x, np.broadcast_to(units[a:b], (*x.shape, ends[-1]))))
-        slopes = self._function(*duals).slopes
+        slopes = self._function(*duals, *([counted] if self.counts_turns else [])).slopes
         for (array, entries), a, b in zip(arrays, ends[:-1], ends[1:], strict=True):
             if slopes[..., a:b].any():
                 yield Slope(array, entries, slopes[..., a:b])

@@ -1,5 +1,6 @@
 """Contact with lines, circles and stops, fixed or carried: closed solutions, balances, warnings."""
 
+import itertools
 import math
 import re
 
@@ -17,6 +18,7 @@ from scenes import (
     one_body,
     pinned_bar,
 )
+from scipy.integrate import solve_ivp
 
 import fx_beam as fb
 
@@ -701,3 +703,57 @@ def test_points_are_of_the_same_kind_where_a_stop_is_far_away(how):
         for far in (False, True)
     )
     assert stopped == free and {kind for kind, _ in free} == {"limit point"}
+
+
+# -- Several bodies that hit in turn ---------------------------------------------------------------
+
+
+def row_of_balls(masses, gap, k=1e8, radius=0.05):
+    """Balls in a row; the first one comes with 1 m/s."""
+    scene, balls, x = fb.Scene(), [], 0.0
+    for i, mass in enumerate(masses):
+        balls.append(scene.add_body((x, 0), mass, 1e-3 * mass).centre)
+        scene.fix(balls[-1], "y", "rotation")
+        x += 2 * radius + (gap if i else 0.02)
+    for a, b in itertools.pairwise(balls):
+        scene.add_contact(a, fb.Circle(b, radius), stiffness=k, radius=radius)
+    scene.set_velocity(balls[0], (1.0, 0.0))
+    return scene, balls
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-4])
+@pytest.mark.parametrize("masses", [(0.5,) * 3, (0.5,) * 5, (0.5, 1.0, 0.5)])
+def test_balls_that_hit_in_turn_share_momentum_or_a_warning_says_that_steps_are_long(
+    masses, gap, caplog
+):
+    """In turn: masses m, 2 m, m leave with -1/3, 2/9, 8/9; touching ones by the springs alone."""
+    k, n = 1e8, len(masses)
+    lasts = np.pi * np.sqrt(min(a * b / (a + b) for a, b in itertools.pairwise(masses)) / k)
+
+    def rates(_, y):
+        pushes = k * np.minimum(np.diff(y[:n]) + gaps, 0.0)
+        return [*y[n:], *((np.append(pushes, 0) - np.append(0, pushes)) / masses)]
+
+    gaps = np.array([0.02, *[gap] * (n - 2)])
+    start = [*np.zeros(n), 1.0, *np.zeros(n - 1)]
+    options = {"rtol": 1e-9, "atol": 1e-13, "max_step": lasts / 20}
+    exact = solve_ivp(rates, (0.0, 0.025), start, "DOP853", **options).y[n:, -1]
+    for dt, says in ((8 * lasts, True), (lasts / 15, False)):
+        caplog.clear()
+        scene, balls = row_of_balls(masses, gap)
+        row = fb.simulate(scene, dt=dt, t_end=0.025)
+        speeds = np.array([row.velocity(ball)[-1, 0] for ball in balls])
+        assert abs(row.energy.balance_error).max() < 1e-12
+        assert bool(caplog.messages) == says
+        if says:
+            assert "share momentum wrongly" in caplog.messages[0]
+            assert abs(speeds - exact).max() > 0.05
+        else:
+            assert speeds == pytest.approx(exact, abs=1e-2)
+
+
+def test_two_balls_that_hit_alone_are_exact_in_long_steps_without_a_word(caplog):
+    scene, balls = row_of_balls((0.5, 0.5), 0.0)
+    row = fb.simulate(scene, dt=1e-3, t_end=0.06)
+    assert [row.velocity(ball)[-1, 0] for ball in balls] == pytest.approx([0, 1], abs=1e-10)
+    assert not caplog.messages

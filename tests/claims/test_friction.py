@@ -517,3 +517,68 @@ def test_a_ball_with_friction_that_would_not_roll_on_a_member_is_refused(radius)
     assert abs(held.displacement(wheel)[-1, 0]) < 1e-4  # it sticks
     scene, wheel, _ = on_a_slope(0.2, 0.1, ball=True, radius=(0.0, 0.2))
     fb.simulate(scene, dt=1e-3, t_end=0.01)
+
+
+# -- Landings without restitution that stick -------------------------------------------------------
+
+
+def landed(place, points, velocity, spin, inertia, ratio, dt=2e-5, stiffness=1e6):
+    """Spin of a body of 1 kg soon after its point "tip" has landed and sticks."""
+    scene, body = one_body(place, 1.0, inertia, points=points)
+    friction = fb.Coulomb(3.0, ratio * stiffness)
+    law = {"stiffness": stiffness, "restitution": 0.0, "speed": 5e-3, "friction": friction}
+    scene.add_contact(body["tip"], fb.Line((0, 0), (0, 1)), **law)
+    scene.set_velocity(body, velocity, spin=spin)
+    return fb.simulate(scene, dt=dt, t_end=0.01).spin(body.centre)[-1]
+
+
+def fallen_rod(degrees, ratio):
+    """Spin of an inclined rod whose tip lands at 2 m/s and sticks, over the exact one."""
+    a, inertia = math.radians(degrees), 1 / 12
+    centre = np.array([cos(a), sin(a)]) / 2
+    exact = -2.0 * centre[0] / (inertia + 1 / 4)
+    points = {"tip": (0.0, 1e-5)}
+    return landed(centre + [0, 1e-5], points, (0, -2.0), 0.0, inertia, ratio) / exact
+
+
+def landed_wheel(inertia, ratio):
+    """Spin of a rimless wheel of eight spokes of 1 m after the next one lands, over the exact one.
+
+    Angular momentum about the point that lands: (cos 2a + J) / (1 + J) of the spin before.
+    """
+    a, before = np.pi / 8, -1.5
+    new, old = (np.array([sign * sin(a), -cos(a)]) for sign in (1, -1))
+    place = np.array([0.0, cos(a) + 1e-5])
+    arm = -old  # of the centre from the point that stood
+    velocity = (-before * arm[1], before * arm[0])
+    exact = before * (cos(2 * a) + inertia) / (1 + inertia)
+    return landed(place, {"tip": place + new}, velocity, before, inertia, ratio) / exact
+
+
+@pytest.mark.parametrize("inertia", [0.02, 0.3, 1.0])
+def test_a_rimless_wheel_lands_as_momentum_says_on_a_bristle_of_a_hundred_stiffnesses(
+    inertia, caplog
+):
+    assert landed_wheel(inertia, 100) == pytest.approx(1, abs=3e-2)
+    assert not any("without restitution" in message for message in caplog.messages)
+
+
+@pytest.mark.parametrize("degrees", [30, 45, 60, 75])
+def test_a_rod_that_lands_and_sticks_turns_as_momentum_says_or_a_warning_names_the_ratio(
+    degrees, caplog
+):
+    assert fallen_rod(degrees, 100) == pytest.approx(1, abs=4e-2)
+    assert not any("without restitution" in message for message in caplog.messages)
+    caplog.clear()
+    fallen_rod(degrees, 1)
+    (message,) = [text for text in caplog.messages if "without restitution" in text]
+    assert "with a friction of 1 of its stiffness" in message and "hundred times" in message
+
+
+def test_a_body_that_lands_straight_has_no_friction_to_speak_of(caplog):
+    scene, body = one_body((0, 1e-5), 1.0, 0.1)
+    law = {"stiffness": 1e6, "restitution": 0.0, "speed": 5e-3, "friction": fb.Coulomb(0.5, 1e6)}
+    scene.add_contact(body.centre, fb.Line((0, 0), (0, 1)), **law)
+    scene.set_velocity(body, (0.0, -2.0))
+    fb.simulate(scene, dt=2e-5, t_end=0.01)
+    assert not any("sticks" in message for message in caplog.messages)

@@ -330,3 +330,26 @@ def test_the_length_and_its_rate_are_outputs_over_pulleys_and_drums():
     system = fb.linearise(scene, outputs=outputs)
     assert system.C[1] == pytest.approx(system.C[0] @ system.A, abs=1e-9)
     assert abs(system.C[0]).max() > 0.5
+
+
+def test_outputs_of_a_rope_have_their_derivatives_beyond_half_a_turn():
+    """By differences; the length depends on the radius with all turns of the span."""
+
+    def build(x):
+        scene, ball = held_body((1.0, -0.05), 0.3 * x[0], 1.0, "rotation")
+        scene.set_velocity(ball, (0, 2.0 * x[1]))
+        points = [fb.Pulley((0, 0), 0.05 * x[2], "left"), ball]
+        rope = scene.add_rope(points, fb.Spring(1e4, rest=x[3]), fb.Damper(0.5))
+        names = {"position": ball, "length": rope, "force": rope}
+        return scene, {name: fb.Output(name, part) for name, part in names.items()}
+
+    run = fb.Response(build, dt=2e-3, t_end=2.4)
+    _, y = run(np.ones(4))
+    assert y["position"][-1, 0] ** 2 + y["position"][-1, 1] ** 2 < 0.8
+    jacobian = run.jacobian()
+    for i, step in enumerate(1e-5 * np.eye(4)):
+        ends = [run(np.ones(4) + sign * step)[1] for sign in (1, -1)]
+        for name, slopes in jacobian.items():
+            expected = (ends[0][name] - ends[1][name]) / 2e-5
+            error = abs(slopes[..., i] - expected).max()
+            assert error < 1e-5 * abs(expected).max() + 1e-8, (name, i)

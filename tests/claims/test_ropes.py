@@ -226,6 +226,35 @@ def test_the_stop_of_a_damped_rope_has_no_loss_of_its_own():
     assert_refused("Give one of them", scene.add_rope, [(0, 0), ball], **options)
 
 
+@pytest.mark.parametrize("length", [0.9, 1.5])
+def test_a_damped_rope_damps_small_vibrations_while_it_is_taut(length):
+    scene, load = held_body((0, -1.0), 2.0, 0.0, "rotation", "x", gravity=(0, -G))
+    scene.add_spring(load, y=fb.Spring(3000.0))
+    scene.add_rope([(0, 0), load], fb.Spring(400.0), fb.Damper(20.0), length=length)
+    roots = np.linalg.eigvals(fb.linearise(scene, fb.static(scene)).A)
+    stiffness, damping = (3400.0, 20.0) if length < 1 else (3000.0, 0.0)
+    exact = np.roots([2.0, damping, stiffness])
+    assert np.sort_complex(roots) == pytest.approx(np.sort_complex(exact), abs=1e-5)
+
+
+def test_a_motion_on_a_damped_rope_has_derivatives():
+    def build(x):
+        scene, ball = held_body((0.6, 0.2), 1.0, 0.0, "rotation", gravity=(0, -G))
+        laws = fb.Spring(400.0 * x[0]), fb.Damper(20.0 * x[1]), fb.SmoothFriction(2.0 * x[2], 0.05)
+        rope = scene.add_rope([(0, 0), ball], *laws, length=x[3])
+        return scene, {"position": fb.Output("position", ball), "force": fb.Output("force", rope)}
+
+    run = fb.Response(build, dt=2e-3, t_end=0.9)
+    _, y = run(np.ones(4))
+    assert y["force"].max() > 50 and y["force"].min() == 0.0
+    jacobian = run.jacobian()
+    for i, step in enumerate(1e-6 * np.eye(4)):
+        ends = [run(np.ones(4) + sign * step)[1] for sign in (1, -1)]
+        for name, slopes in jacobian.items():
+            expected = (ends[0][name] - ends[1][name]) / 2e-6
+            assert abs(slopes[..., i] - expected).max() < 1e-5 * abs(expected).max(), (name, i)
+
+
 # -- Momenta, tension, and changes ---------------------------------------------------------------
 
 
