@@ -165,7 +165,7 @@ class Starts:
         `accelerations` they are zero where steps do not read them.
         """
         model = self.model
-        state = reference_state(model) if start is None else start
+        state = drawn_state(model) if start is None else start
         if start is None and model.data.natural:
             state.natural = model.data.natural.at(state.t)
         needed = accelerations or fact(model, needs_accelerations)
@@ -329,7 +329,15 @@ def reference_state(model: Model, scene: Scene | None = None) -> State:
     return state
 
 
-def check_joints(model: Model, state: State) -> None:
+def drawn_state(model: Model) -> State:
+    """The reference configuration as a start; SceneError where it violates a joint."""
+    state, scene = reference_state(model), model.scene
+    if any(gear.value for gear in scene.gears) or any(j.place is not None for j in scene.joints):
+        check_joints(model, state, "the scene as drawn")
+    return state
+
+
+def check_joints(model: Model, state: State, subject: str = "start: the solution") -> None:
     """Refuse a state that violates a joint."""
     moved = {
         (j.number, name): m for (j, name), m in zip(model.data.motors, state.motors, strict=True)
@@ -350,15 +358,15 @@ def check_joints(model: Model, state: State) -> None:
         for fault, size in faults.items():
             if size > 1e-8:
                 raise SceneError(
-                    f"start: the solution violates {joint}: {fault}. Start from a solution that "
+                    f"{subject} violates {joint}: {fault}. Start from a solution that "
                     "has this joint, or make it there: scene.add_joint(joint, at=solution)"
                 )
     for gear in model.scene.gears:
         apart = float(gear.difference(motion, state.slides[None])[0])
         if gear.is_ideal and abs(apart) > 1e-8 * (1.0 if gear.column else model.mesh.size):
             raise SceneError(
-                f"start: the solution violates {gear}: its joints deviate by {apart:.3g}. Start "
-                "from a solution that has it, or make it there: scene.add_joint(gear, at=solution)"
+                f"{subject} violates {gear}: its joints deviate by {apart:.3g}. Start from a "
+                "solution that has it, or make it there: scene.add_joint(gear, at=solution)"
             )
 
 

@@ -17,7 +17,7 @@ from fx_beam.symbolic import Expr, ufl
 from .beam import Node, position_of
 from .coordinate import Coordinate, Coulomb, Spring, functions_of
 from .inputs import TimeValue
-from .parameters import is_parameter, value_of
+from .parameters import value_of
 
 if TYPE_CHECKING:
     from .symbols import Parameter
@@ -216,8 +216,10 @@ def _node_or_position(point: Node | FixedPoint) -> Node | np.ndarray:
     return point if isinstance(point, Node) else point.position
 
 
-def rope_spring(spring, length: TimeValue, number: int) -> tuple[Spring, tuple[str, ...]]:
-    """A spring that only pulls, from a length on, and names of parameters made for it.
+def rope_spring(spring, length: TimeValue, number: int) -> tuple[Spring, tuple[str, ...], str]:
+    """A spring that only pulls, from a length on, and the names of its parameters.
+
+    Of those that are made for it, and of the length.
 
     SceneError if no linear spring is given.
     """
@@ -229,14 +231,16 @@ def rope_spring(spring, length: TimeValue, number: int) -> tuple[Spring, tuple[s
     require(ok, f"rope {number}: spring", spring, expected)
     k = Parameter(f"stiffness of rope {number}", spring.stiffness)
     names: tuple[str, ...] = (k.name,)
-    if not is_parameter(length):
-        length = Parameter(f"length of rope {number}", length)
-        names = (*names, length.name)
+    if isinstance(length, Parameter):
+        L = length
+    else:
+        L = Parameter(f"length of rope {number}", length)
+        names = (*names, L.name)
 
     def energy(x):
-        return ufl.conditional(ufl.gt(x, length), k / 2 * (x - length) ** 2, 0.0)
+        return ufl.conditional(ufl.gt(x, L), k / 2 * (x - L) ** 2, 0.0)
 
-    return Spring(strain_energy=energy), names
+    return Spring(strain_energy=energy), names, L.name
 
 
 def checked_force(

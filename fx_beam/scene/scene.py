@@ -29,7 +29,7 @@ from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Sto
 from .curve import Curve, layout
 from .forces_between import ForceBetween, Point, Pull, checked_force, rope_spring
 from .functions import ArrayCalls, Signal
-from .inputs import Input, TimeValue, time_function
+from .inputs import Input, TimeValue, is_open_input, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, coupling_of, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
@@ -782,7 +782,7 @@ class Scene:
             Length of the rope without tension [m], also as a function of time, as of a winch. The
             rope pulls with ``spring.stiffness * (l - length)`` where it is longer, and is slack
             otherwise. What changes the length does work, which is part of `Energy.work`. In statics
-            it is that at the time ``t``.
+            it is that at the time ``t``. An `Input` that is not set yet is the length as drawn.
 
         Returns
         -------
@@ -823,9 +823,13 @@ class Scene:
             loads.check_node(self, node, "rope")
         names: tuple[str, ...] = ()
         if length is not None:
-            spring, names = rope_spring(spring, length, self.force_count)
+            spring, names, of_length = rope_spring(spring, length, self.force_count)
         laws = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        return self._with_force(checked_force(self, points, laws, force, names, make))
+        rope = self._with_force(checked_force(self, points, laws, force, names, make))
+        if length is not None and is_open_input(signal := self.parameters.functions[of_length]):
+            begins_as_drawn = signal.beginning_with(float(rope.length_at_start))
+            self.parameters.functions[of_length] = begins_as_drawn
+        return rope
 
     def add_spring(
         self, node: Node, x=None, y=None, rotation=None, axis: Sequence[float] = (1.0, 0.0)
