@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError, StepError
 from fx_beam.laws.interval import Interval
-from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.initial_state import drawn_state, reference_state
 from fx_beam.motions.prepared import state_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -187,7 +187,7 @@ class PathStates:
     def _hold_reference(self) -> State:
         """The reference, where springs have yielded; forces hold it that fade as the loads rise."""
         stepper, model = self._stepper, self._model
-        state = reference_state(model)
+        state = drawn_state(model)
         if model.points.width:
             y, forces = np.zeros(model.reduction.free), np.zeros(model.size)
             new = stepper.loop.finished(state, Interval(0.0, 0.0), y, forces)
@@ -216,8 +216,9 @@ class PathStates:
     def _settled(self) -> State:
         """The first state of a mechanism, which its loads hold."""
         stepper, settling = self._stepper, Settling(self._stepper)
-        state = reference_state(self._model)
-        if isinstance(self._start, Solution):
+        if not isinstance(self._start, Solution):
+            state = drawn_state(self._model)
+        else:
             state = self._at_rest(self._start)
             settling.hold_rigid_motions(state, stepper.energies.largest_force(state))
             with suppress(StepError):  # the forces that held it do not hold it alone

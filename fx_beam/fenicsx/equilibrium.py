@@ -16,7 +16,7 @@ from fx_beam.errors import SceneError, require, warn_once
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Equilibrium as AtRest
 from fx_beam.motions.evaluation import solution_of
-from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.initial_state import drawn_state
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import stats_of
 from fx_beam.motions.progress import attach, failure_of
@@ -113,7 +113,7 @@ class Equilibrium(Steps):
         loop = LoadLoop(self._forcing, newton, self._stats)
         super().__init__(loop, newton, petsc_options, comm)
         self._loads = loop
-        self._state = reference_state(model)
+        self._state = drawn_state(model)
         self._form.fields.end(self._state)
 
     @property

@@ -16,7 +16,7 @@ from fx_beam.equilibria.statics import unloaded
 from fx_beam.errors import SceneError, StepError, require, warn_once
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import Equilibrium, MidPoint
-from fx_beam.motions.initial_state import rates_of_columns, reference_state
+from fx_beam.motions.initial_state import drawn_state, rates_of_columns
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import model_for, state_of
 from fx_beam.results.solution import Solution
@@ -299,9 +299,8 @@ def linearised(
     flows = any(law.internal for law in [*springs, *(beam.section for beam in scene.beams)])
     kind = {"mobile": True} | ({"instant": True} if flows else {})
     model = model_for(driven_scene, Equilibrium(), models, "plain", **kind)
-    factor, start = 0.0, reference_state(model)  # an equilibrium without loads
-    if state is not None:
-        factor, start = _last(model, state, caller)
+    # The drawing is an equilibrium without loads.
+    factor, start = (0.0, drawn_state(model)) if state is None else _last(model, state, caller)
     reduction = model.reduction
     check_unknowns(model, caller)
     frame = None if state is None else turning_frame_of(model, state, caller)

@@ -11,7 +11,7 @@ import scipy.sparse
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
-from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.initial_state import drawn_state
 from fx_beam.motions.prepared import model_for, state_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -115,8 +115,9 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     model, frame = model_for(inputs.scene, EnergyMomentum(), instant=True), None
     check_unknowns(model, caller)
     forcing = Forcing(model)
-    state = reference_state(model)
-    if solution is not None:
+    if solution is None:
+        state = drawn_state(model)
+    else:
         state = state_of(model, solution)
         inputs.resume(forcing, state)
         state = _with_fitted_rates(model, state, solution)

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from fx_beam.errors import Failure, StepError
-from fx_beam.results.state import State
+from fx_beam.dual import floats
+from fx_beam.errors import Failure, SceneError, StepError
+from fx_beam.results.state import FORCES, State
 from fx_beam.step.events import end_behind_event
 from fx_beam.step.loop import StepsResult
 from fx_beam.step.recorder import NullRecorder, Recorder, Rows
+from fx_beam.step.state_values import energy_of
 from fx_beam.step.step_control import AVERAGED, StepControl
 from fx_beam.step.stepper import Stepper, Trial
 
+from .initial_state import Starts
 from .options import Tolerance
 
 # Steps that are prepared at once: at first, after a change of their length, and at most.
 _FIRST_BLOCK, _LARGEST_BLOCK = 16, 1024
 # Trials of a first length.
 _TRIALS = 40
+# Distance from a break, relative to the whole time, and by how much a driven motion that jumps
+# there differs on both sides, in units of the scene.
+_BESIDE, _LEAST_JUMP = 1e-12, 1e-9
 # Shortest steps for a short contact, relative to the whole time.
 _LEAST = 1e-8
 # What may help where Newton's method fails.
@@ -44,6 +52,14 @@ class AdaptiveRun:
         self._watch = self._control.order > 2
         #: Whether functions of time move the kinks of laws.
         self._kinks_move = self._watch and stepper.model.forms.parameters.vary
+        #: Times at which steps end [s], and those of them behind which driven motions jump.
+        self._breaks, self._jumps = self._with_jumps(self._state.t, tolerance)
+        if self._jumps and (single or stepper.loop.tape is not None):
+            raise SceneError(
+                f"tolerance: a prescribed motion or a motor jumps at t = {self._jumps[0]:.6g}, "
+                "where there are no derivatives and no conditions (until). Give dt in place of the "
+                "tolerance, or a short ramp"
+            )
         self._started = self._follows_event = False
         #: Whether each call takes a single step.
         self._single = single
@@ -51,17 +67,48 @@ class AdaptiveRun:
         #: Ends of steps at which a contact or a law has switched [s].
         self.events: list[float] = []
 
+    def _with_jumps(self, t: float, tolerance: Tolerance) -> tuple[list[float], list[float]]:
+        """Breaks, which are just before the jumps of driven motions, and the times of these."""
+        inset = [_BESIDE * tolerance.span + 4 * math.ulp(b) for b in tolerance.breaks]
+        ends = [b - by for b, by in zip(tolerance.breaks, inset, strict=True)]
+        behind = [b + by for b, by in zip(tolerance.breaks, inset, strict=True)]
+        times = np.array([[t, *ends[:-1]], [t + _BESIDE * tolerance.span, *behind[:-1]]])
+        forcing, model = self._stepper.loop.forcing, self._stepper.model
+        driven = floats(forcing.series(times.ravel())).reshape(*times.shape, -1)
+        size = np.append(model.units.nodes[model.prescribed], np.full(len(model.data.motors), 1.0))
+        is_jump = (abs(driven[1] - driven[0]) > _LEAST_JUMP * size).any(axis=1)
+        breaks = np.where(is_jump[1:], ends[:-1], tolerance.breaks[:-1]).tolist()
+        return [*breaks, tolerance.breaks[-1]], times[0, is_jump].tolist()
+
+    def _jump(self) -> None:
+        """Move at once what is driven; masses have the rates before, but for what dampers do.
+
+        By a very short step, whose rates do not stay; it has no row.
+        """
+        stepper, old = self._stepper, self._state.read()
+        model, t1 = stepper.model, old.t + self._tolerance.instant
+        moved = stepper.trial(old, t1).state
+        if moved is None:
+            raise stepper.error(t1, _ADVICE)
+        moved = moved.changed(fitted=moved.v, **{name: getattr(old, name) for name in FORCES})
+        new = Starts(model, stepper.loop.forcing, self._control.length).initial(moved)
+        supplied = energy_of(model, new) - energy_of(model, old)
+        for part in ("dissipated", "numerical", "algorithmic"):
+            supplied += getattr(new, part) - getattr(old, part)
+        stepper.load(new.changed(work=old.work + supplied))
+        stepper.mark(self._recorder)
+
     def advance(self) -> None:
         """Take some steps, at most up to the next break."""
         control, stats, recorder = self._control, self._stats, self._recorder
-        until = self._tolerance.breaks[self._next]
+        until = self._breaks[self._next]
         if not self._started:
             self._start(until)
         ends, dt = control.ends(self._state.t, until, self._block)
         if self._single:
             ends = ends[:1]
         first = stats.steps + 1
-        last = self._next == len(self._tolerance.breaks) - 1
+        last = self._next == len(self._breaks) - 1
         recorder.plan(first, ends, last and ends[-1] == until)
         result = self._try_steps(ends, dt, first, recorder)
         if self._watch and (result.switched or (result.ratio or 0.0) > 1):
@@ -143,7 +190,7 @@ class AdaptiveRun:
             end = t1
         end = self._harmless(state, end)
         number = stats.steps + 1
-        recorder.plan(number, np.array([end]), end == self._tolerance.breaks[-1])
+        recorder.plan(number, np.array([end]), end == self._breaks[-1])
         step = stepper.try_steps(np.array([end]), end - state.t, number, recorder, self._control)
         if step.taken:
             self.events.append(end)
@@ -152,6 +199,8 @@ class AdaptiveRun:
 
     def _start(self, until: float) -> None:
         """Find the first length by trial steps, which are not part of the run."""
+        if self._state.t in self._jumps:
+            self._jump()
         state, control, stats = self._state.read(), self._control, self._stats
         number = control.order + AVERAGED
         longest = (until - state.t) / number

@@ -138,11 +138,11 @@ class ElementBalance:
         """Dead loads (n, size) of elements in the sub-steps."""
         loads, rates = self._loads.dead, self.model.scheme.rates
         if self._rest is not None:
-            factors = floats(loads.series(np.array([self._rest.time])))
-            dead = self._rest.factors[:, None] * (factors @ loads.unit_loads.T)
+            at_rest = floats(loads.series(np.array([self._rest.time]))) @ loads.unit_loads.T
+            dead = self._rest.factors[:, None] * at_rest
         else:
-            factors = floats(loads.in_steps(*self._ends_of_steps(), rates.mean_based))
-            at_start, at_end = (factors[:, i] @ loads.unit_loads.T for i in (0, 1))
+            both = floats(loads.in_steps(*self._ends_of_steps(), rates.mean_based))
+            at_start, at_end = (both[:, i] @ loads.unit_loads.T for i in (0, 1))
             dead = (1 - rates.level) * at_start + rates.level * at_end
         if (weight := self._loads.weight) is not None:
             factors = 1.0 if self._rest is None else self._rest.factors[:, None]

@@ -165,7 +165,7 @@ class Starts:
         `accelerations` they are zero where steps do not read them.
         """
         model = self.model
-        state = reference_state(model) if start is None else start
+        state = drawn_state(model) if start is None else start
         if start is None and model.data.natural:
             state.natural = model.data.natural.at(state.t)
         needed = accelerations or fact(model, needs_accelerations)
@@ -329,7 +329,15 @@ def reference_state(model: Model, scene: Scene | None = None) -> State:
     return state
 
 
-def check_joints(model: Model, state: State) -> None:
+def drawn_state(model: Model) -> State:
+    """The reference configuration as a start; SceneError where it violates a joint."""
+    state, scene = reference_state(model), model.scene
+    if any(gear.value for gear in scene.gears) or any(j.place is not None for j in scene.joints):
+        check_joints(model, state, "the scene as drawn")
+    return state
+
+
+def check_joints(model: Model, state: State, subject: str = "start: the solution") -> None:
     """Refuse a state that violates a joint."""
     moved = {
         (j.number, name): m for (j, name), m in zip(model.data.motors, state.motors, strict=True)
@@ -350,15 +358,15 @@ def check_joints(model: Model, state: State) -> None:
         for fault, size in faults.items():
             if size > 1e-8:
                 raise SceneError(
-                    f"start: the solution violates {joint}: {fault}. Start from a solution that "
+                    f"{subject} violates {joint}: {fault}. Start from a solution that "
                     "has this joint, or make it there: scene.add_joint(joint, at=solution)"
                 )
     for gear in model.scene.gears:
         apart = float(gear.difference(motion, state.slides[None])[0])
         if gear.is_ideal and abs(apart) > 1e-8 * (1.0 if gear.column else model.mesh.size):
             raise SceneError(
-                f"start: the solution violates {gear}: its joints deviate by {apart:.3g}. Start "
-                "from a solution that has it, or make it there: scene.add_joint(gear, at=solution)"
+                f"{subject} violates {gear}: its joints deviate by {apart:.3g}. Start from a "
+                "solution that has it, or make it there: scene.add_joint(gear, at=solution)"
             )
 
 
@@ -393,6 +401,7 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
         initial, moved = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
         if initial != 0 and abs(initial - moved) > 1e-3 * max(abs(initial), abs(moved)):
             raise SceneError(_message(model, key, v, compatible, ", or not given"))
+    is_still = v[model.prescribed] == 0
     v[model.prescribed] = compatible[model.prescribed]
     # Rates of driven motion are finite differences, hence the second tolerance.
     driven_v = model.reduction.maps.to_nodes(_driven_rates(model, driven))
@@ -402,7 +411,22 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
         _check_joints(model, state, v, driven, tolerance)
         node, component = map(int, np.unravel_index(np.argmax(gap), gap.shape))
         raise SceneError(_message(model, (node, component), v, compatible))
+    if any_of(struck := np.where(is_still, driven[: len(is_still)], 0.0)):
+        w = w + _after_blow(model, struck)
+        compatible = model.reduction.maps.to_nodes(w)
     return w, compatible
+
+
+def _after_blow(model: Model, struck: np.ndarray) -> np.ndarray:
+    """Changes of rates (columns,) of all masses where supports are given rates (prescribed,)."""
+    from fx_beam.step.accelerations import accelerations
+
+    maps, free, motors = model.reduction.maps, model.reduction.free, len(model.data.motors)
+    blow = maps.with_dependent(_driven_rates(model, np.append(struck, np.zeros(motors))))
+    momentum = maps.transpose_to_nodes(model.masses.matrix @ maps.to_nodes(blow))[:free]
+    change = np.zeros_like(blow)
+    change[:free] = -accelerations(model, momentum)[0]
+    return maps.with_dependent(change)
 
 
 def projected_rates(model: Model, state: State, v: np.ndarray, driven: np.ndarray) -> np.ndarray:
@@ -478,8 +502,9 @@ def rates_with_slopes(
         from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 
         if not model.scene.projects_velocities:  # else a given rate there has its momentum
+            given = np.flatnonzero(rates.values[model.prescribed])
             for source, target in ((driven.values, rates.values), (driven.slopes, rates.slopes)):
-                target[model.prescribed] = source[: len(model.prescribed)]
+                target[model.prescribed[given]] = source[given]
         state_numbers = {"q": state.q, "v": rates, "slides": state.slides, "driven rates": driven}
         duals = {
             name: with_slopes(values, count) for name, values in (numbers | state_numbers).items()

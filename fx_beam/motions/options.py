@@ -65,6 +65,8 @@ class Tolerance:
         #: The tolerance, and the whole time [s].
         self.value, self.span = as_float(tolerance), t_end - t0
         longest = _LONGEST * self.span if dt_max is None else as_float(dt_max)
+        #: Length of a step in which what is driven moves at once [s].
+        self.instant = max(1e-2 * self.value, 1e-9) * self.span
         #: Length of the largest step, and of the first one that is tried [s].
         self.longest = min(longest, self.span)
         self.first = min(self.span / 1000 if dt is None else as_float(dt), self.longest)

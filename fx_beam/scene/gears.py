@@ -15,6 +15,8 @@ from .joints import Joint, JointKey, NodalMotion, moved_by
 from .removal import joint_of
 from .sliders import SlidingJoint
 
+_DRIVEN = "'rotation' or 'slide'"
+
 
 class GearTerm(NamedTuple):
     """A coordinate of a joint in the relation of a gear, with its weight."""
@@ -53,7 +55,8 @@ class Gear:
     number : int
         Number among the joints of the scene.
     value : float
-        Difference of the angles where it is made [rad].
+        Difference of the angles where it is made [rad]; without laws on it, nothing starts from
+        another one. `Scene.add_joint(gear, at=solution)` finds it.
 
     Raises
     ------
@@ -95,6 +98,7 @@ class Gear:
     value: float = real(default=0.0)
 
     def __post_init__(self):
+        require(self.driven in ("rotation", "slide"), "Gear: driven", self.driven, _DRIVEN)
         name = self._kind
         check_fields(self, name)
         for joint, coordinate in ((self.joint_a, "rotation"), (self.joint_b, self.driven)):

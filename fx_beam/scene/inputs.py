@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -23,7 +23,8 @@ class Input:
     """A load, a motion, the position of a motor or a `Parameter` that is set from outside, by name.
 
     It can be given instead of a function of time. Loads and motors with the same name have the same
-    input. It is zero until it is set: in `static`, `modes` and `simulate` without `inputs`.
+    input. It is zero until it is set: in `static`, `modes` and `simulate` without `inputs`; the
+    length of a rope is as drawn.
 
     Parameters
     ----------
@@ -78,7 +79,7 @@ TimeValue = float | Sequence[float] | np.ndarray | Callable | Input
 
 
 class InputSignal(Signal):
-    """An `Input` at a place with values (size,): zero, or what a motion sets over its steps.
+    """An `Input` at a place with values (size,): as drawn, or what a motion sets over its steps.
 
     Over a step a load is constant. A motion, of one component, goes straight from `start` to `end`.
     """
@@ -101,6 +102,8 @@ class InputSignal(Signal):
         self.scale: Any = self.factor[:, 0] if self.width == 1 else 1.0
         #: Whether no motion sets it.
         self.is_open = True
+        #: The input (width,) until it is set.
+        self.unset = np.zeros(self.width)
         #: Values at the start and at the end of a step, and its times [s].
         self.start: Any = np.zeros(size)
         self.end: Any = self.start
@@ -111,7 +114,15 @@ class InputSignal(Signal):
         new = copy.copy(self)
         new.is_open, new.ramps = False, ramps
         if ramps:
-            new.start, new.end, new.scale = 0.0, 0.0, float(self.factor[0, 0])
+            new.scale = float(self.factor[0, 0])
+            new.start = new.end = float(self.end[0])
+        return new
+
+    def beginning_with(self, value: float) -> InputSignal:
+        """A copy that has a value until the input, of one number, is set."""
+        new = copy.copy(self)
+        new.start = new.end = np.array([value])
+        new.unset = new.end / self.scale
         return new
 
     def set(self, value: np.ndarray) -> None:
@@ -143,7 +154,7 @@ def time_function(value, size: int, name: str) -> Signal:
     return checked_function(value, size, name, 0.0)
 
 
-def is_open_input(function: object) -> bool:
+def is_open_input(function: object) -> TypeGuard[InputSignal]:
     """Whether a function of time is an input that no motion sets."""
     return isinstance(function, InputSignal) and function.is_open
 
@@ -180,6 +191,14 @@ def widths(scene) -> dict[str, int]:
                 f"{slot.what}. Use two names"
             )
     return {name: slot.width for name, (slot, _) in slots.items()}
+
+
+def unset_values(scene) -> dict[str, np.ndarray]:
+    """Values (n,) of each input by its name until they are set: zero, or as a part is drawn."""
+    values: dict[str, np.ndarray] = {}
+    for slot, _ in input_slots(scene):
+        values[slot.name] = values[slot.name] if slot.name in values else slot.unset
+    return values
 
 
 def check_names(names, known, subject: str) -> None:
@@ -246,10 +265,10 @@ def with_values(scene, values: np.ndarray | None):
 
 
 def values_at(scene, settings: Mapping | None, t: float) -> dict[str, np.ndarray | None]:
-    """Values at t [s] and names of all inputs, as members of a `State`; zero if not set."""
-    settings, sizes = {} if settings is None else settings, widths(scene)
+    """Values at t [s] and names of all inputs, as members of a `State`."""
+    sizes, unset, given = widths(scene), unset_values(scene), {} if settings is None else settings
     parts = [
-        checked_function(settings.get(name, np.zeros(width)), width, f"input {name!r}", t)(t)
+        checked_function(given.get(name, unset[name]), width, f"input {name!r}", t)(t)
         for name, width in sizes.items()
     ]
     values = np.concatenate(parts) if parts else None

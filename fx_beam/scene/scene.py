@@ -30,7 +30,7 @@ from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Sto
 from .curve import Curve, layout
 from .forces_between import ForceBetween, Point, Pull, checked_force
 from .functions import ArrayCalls, Signal
-from .inputs import Input, TimeValue, time_function
+from .inputs import Input, TimeValue, is_open_input, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, coupling_of, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
@@ -191,8 +191,8 @@ class Scene:
             (x, y) for a fraction in [0, 1]. A node of another beam is shared rigidly:
             displacement and rotation are the same. Points at the same position are not joined; a
             warning names ends that lie on another beam, unless a joint, a contact or a line
-            connects them. On a curve the elements end at equal distances of arc length; elements of degree 2 and 3
-            are curved, those of degree 1 are its chords.
+            connects them. On a curve the elements end at equal distances of arc length; elements of
+            degree 2 and 3 are curved, those of degree 1 are its chords.
         section : Section
             Cross-section.
         elements : int or sequence of int, optional
@@ -791,7 +791,7 @@ class Scene:
             Length of the rope without tension [m], also as a function of time, as of a winch. The
             rope pulls with ``spring.stiffness * (l - length)`` where it is longer, and is slack
             otherwise. What changes the length does work, which is part of `Energy.work`. In statics
-            it is that at the time ``t``.
+            it is that at the time ``t``. An `Input` that is not set yet is the length as drawn.
 
         Returns
         -------
@@ -831,7 +831,12 @@ class Scene:
         for node in nodes:
             loads.check_node(self, node, "rope")
         laws = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
-        return self._with_force(checked_force(self, points, laws, force, length, make))
+        of_length = parameter_of_length(length, self.force_count)
+        rope = self._with_force(checked_force(self, points, laws, force, length, make))
+        if length is not None and is_open_input(signal := self.parameters.functions[of_length]):
+            begins_as_drawn = signal.beginning_with(float(rope.length_at_start))
+            self.parameters.functions[of_length] = begins_as_drawn
+        return rope
 
     def add_spring(
         self, node: Node, x=None, y=None, rotation=None, axis: Sequence[float] = (1.0, 0.0)

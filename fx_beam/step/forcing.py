@@ -30,6 +30,9 @@ _TO_NOISE = np.zeros((3, len(_PLACES)))
 for _i, _near in enumerate(_PLACES[i : i + 6] for i in range(3)):
     _TO_NOISE[_i, _i : _i + 6] = [np.prod([1.0 / (x - y) for y in _near if y != x]) for x in _near]
 _TO_NOISE /= abs(_TO_NOISE).max(axis=1, keepdims=True)
+# Places just behind a start. A motion that differs there from the start by more than so many of
+# its rounding errors, and almost by as much at both, jumps.
+_BEHIND, _ROUND_OFFS = (1e-5, 1e-3), 100
 
 
 class Forcing:
@@ -73,13 +76,21 @@ class Forcing:
         return natural.at(float(before(t))) if natural else None
 
     def derivatives(self, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
-        """First and second derivatives (driven,) of driven motion, from steps of length h [s]."""
+        """First and second derivatives (driven,) of driven motion, from steps of length h [s].
+
+        Behind a jump at t, if there is one: it is a part of the first step.
+        """
         if not self._driven:
             return np.empty(0), np.empty(0)
         # One-sided differences of second order: a motion need not be defined before the start.
         # Differences to the start have no rounding error if the motion is constant.
-        f = self.series(t + h * np.array(_PLACES))
-        _, d1, d2, _, e1, e2, e3, far, g2, g3 = differences = f - f[0]
+        near, further, *others = self.series(t + h * np.array([*_BEHIND, *_PLACES]))
+        f = np.stack(others)
+        jump, later = (abs(floats(value - f[0])) for value in (near, further))
+        size = np.spacing(np.maximum(abs(floats(near)), abs(floats(f[0]))))
+        jumps = (jump > _ROUND_OFFS * size) & (jump > later / 2)
+        behind = near - (further - near) * (_BEHIND[0] / (_BEHIND[1] - _BEHIND[0]))
+        _, d1, d2, _, e1, e2, e3, far, g2, g3 = differences = f - np.where(jumps, behind, f[0])
         noise = abs(_TO_NOISE @ floats(differences)).max(axis=0)
         # Rates below the errors of these differences are set to zero: of these formulas, and of
         # rounding, of which a kink close to the start is not told apart.

@@ -17,6 +17,7 @@ from fx_beam.scene.inputs import (
     connected,
     input_slots,
     names_of_values,
+    unset_values,
     values_of,
     widths,
 )
@@ -40,7 +41,7 @@ class HeldInputs:
         self.widths = widths(scene)
         self.names = names_of_values(self.widths)
         #: Present values by name, in arrays that do not change.
-        self.values = {name: np.zeros(width) for name, width in self.widths.items()}
+        self.values = unset_values(scene)
         self._parts: dict[int, InputSignal] = {
             id(slot): slot.over_steps(ramps=kind != "load") for slot, kind in input_slots(scene)
         }

@@ -329,6 +329,53 @@ def test_a_gear_engages_in_a_motion_and_takes_the_energy_of_an_impact():
     assert not scene.gears
 
 
+def test_no_analysis_starts_where_a_gear_a_rack_or_a_joint_does_not_hold():
+    """Instead of a jump of 0.5 rad in the first step."""
+    scene, nodes, joints = wheels(0.1, 0.1)
+    for node in nodes:
+        scene.add_spring(node, rotation=fb.Spring(1.0))
+    gear = scene.add_joint(fb.Gear(*joints, -2.0, value=0.5))
+    refused = "the scene as drawn violates joint 2, Gear.*deviate by -0.5"
+    for analysis in (
+        lambda: fb.simulate(scene, dt=0.01, t_end=0.05),
+        lambda: fb.Motion(scene, dt=0.01),
+        lambda: fb.static(scene),
+        lambda: fb.static(scene, linear=True),
+        lambda: fb.modes(scene),
+        lambda: fb.linearise(scene, outputs={"turn": fb.Output("rotation", nodes[0])}),
+    ):
+        with pytest.raises(fb.SceneError, match=refused):
+            analysis()
+    scene.remove(gear)
+    scene.add_moment(nodes[0], 1.0)
+    turned = fb.static(scene, load_steps=1)
+    engaged = scene.add_joint(fb.Gear(*joints, -2.0), at=turned)
+    assert fb.static(scene, start=turned).joint(engaged).difference[-1] == pytest.approx(
+        0, abs=1e-9
+    )
+    with pytest.raises(fb.SceneError, match="the scene as drawn violates"):
+        fb.simulate(scene, dt=0.01, t_end=0.05)
+    scene, body = one_body((0, 0), 1.0, 0.1)
+    shaft = scene.add_joint(fb.Revolute(fb.GROUND, body.centre))
+    pushed = scene.add_body((1, 0), 1.0, 0.1).centre
+    slide = scene.add_joint(fb.Prismatic(fb.GROUND, pushed, axis=(1, 0)))
+    scene.add_joint(fb.Gear(shaft, slide, 0.3, driven="slide", value=0.2))
+    with pytest.raises(fb.SceneError, match="violates joint 2, Rack.*deviate by -0.2"):
+        fb.simulate(scene, dt=0.01, t_end=0.05)
+    # With laws on the difference it is where these are at rest.
+    scene, nodes, joints = wheels(0.1, 0.1)
+    scene.add_joint(fb.Gear(*joints, -2.0, value=0.5, spring=fb.Spring(3.0)))
+    energy = fb.simulate(scene, dt=1e-3, t_end=0.05).energy
+    assert energy.total == pytest.approx(3.0 * 0.5**2 / 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("driven", ["slid", 0])
+def test_gears_refuse_what_they_cannot_drive(driven):
+    joints = wheels(0.1, 0.1)[2]
+    with pytest.raises(fb.SceneError, match="must be 'rotation' or 'slide'"):
+        fb.Gear(*joints, 1.0, driven=driven)
+
+
 def test_a_gearbox_is_held_by_the_moment_that_its_wheels_gain():
     """A weld holds the housing of both wheels: J_a and the ratio times J_b, at 2 rad/s^2."""
     ratio, places, inertias = -3.0, ((0.3, 0.0), (-0.4, 0.0)), (0.2, 0.05)

@@ -497,3 +497,49 @@ def test_a_lever_of_round_off_does_not_change_the_accelerations_at_the_start():
         return fb.simulate(scene, dt=1e-4, t_end=1e-4).acceleration(body.centre)[0]
 
     assert start((2e-17, -1e-17)) == pytest.approx(start((0.0, 0.0)), rel=1e-8)
+
+
+@pytest.mark.parametrize("scheme", [fb.HHT(-0.3), fb.GeneralizedAlpha(0.8)], ids=str)
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_a_support_that_jumps_just_after_the_start_does_as_one_that_jumps_later(scheme, goes_on):
+    dt, size = 1e-4, 1e-3
+    first = 5 * dt if goes_on else 0.0
+
+    def end(t0):
+        section = fb.Section(EA=1e5, GA=1e5, EI=1e3, rhoA=5.0, rhoI=1e-3, retardation=0.01)
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2, degree=2)
+        still = {"y": lambda t: 0.0, "rotation": lambda t: 0.0}
+        scene.prescribe(beam.start, x=lambda t: size * (t > t0 + dt / 1e9), **still)
+        rest = fb.simulate(scene, dt=dt, t_end=first) if goes_on else None
+        run = fb.simulate(scene, scheme, dt=dt, t_end=first + 4e-3, start=rest)
+        return run.displacement(beam.end)[:, 0]
+
+    at_once, later = end(first), end(first + 2 * dt)
+    assert abs(at_once[-1]) > size / 2
+    assert abs(at_once[:-2] - later[2:]).max() < 1e-6 * size
+
+
+def test_what_hangs_on_a_support_that_starts_with_a_speed_has_the_rates_of_the_blow():
+    """The projection by hand, with the consistent mass of elements of degree 1."""
+    V, n, rhoA, length = 0.7, 3, 2.0, 1.5
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=rhoA, rhoI=0.1)
+    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=n, degree=1)
+    scene.prescribe(beam.start, x=lambda t: V * t, y=lambda t: 0.0, rotation=lambda t: 0.0)
+    M = np.zeros((n + 1, n + 1))
+    for i in range(n):
+        M[i : i + 2, i : i + 2] += rhoA * length / n * np.array([[2, 1], [1, 2]]) / 6
+    rates = np.append(V, -np.linalg.solve(M[1:, 1:], M[1:, 0] * V))
+    run = fb.simulate(scene, dt=1e-5, t_end=1e-3)
+    x = [run.velocity(beam.node(i / n))[0, 0] for i in range(n + 1)]
+    assert x == pytest.approx(rates, rel=1e-6)
+    assert run.energy.kinetic[0] == pytest.approx(rates @ M @ rates / 2, rel=1e-6)
+    assert abs(run.energy.balance_error).max() < 1e-9 * run.energy.kinetic[0]
+    # As one that starts a step later, in which it has the same speed.
+    scene.prescribed.clear()
+    scene.prescribe(
+        beam.start, x=lambda t: V * max(t - 1e-5, 0), y=lambda t: 0.0, rotation=lambda t: 0.0
+    )
+    later = fb.simulate(scene, dt=1e-5, t_end=1e-3).displacement(beam.end)[1:, 0]
+    assert run.displacement(beam.end)[:-1, 0] == pytest.approx(later, abs=1e-3 * V * 1e-3)

@@ -265,3 +265,56 @@ def test_orbits_keep_the_tolerance_also_in_few_steps(e, order):
             solution = fb.simulate(scene, fb.EnergyMomentum(order), t_end=10.0, tolerance=tolerance)
             apart = solution.position(body) - place(solution.t, start)
             assert np.hypot(*apart.T).max() < 6 * tolerance, (start, tolerance)
+
+
+@pytest.mark.parametrize("law", [lambda t: 0.01 * (t > 0.1), lambda t: 0.01 * (t >= 0.1)])
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("kind", ["spring", "motor"])
+def test_driven_motions_that_jump_at_a_break_move_at_once(kind, order, law):
+    """Masses keep their rates, but for the impulse c J of a damper; against closed forms."""
+    scene = fb.Scene()
+    if kind == "spring":  # m x'' + c x' + k x = k J after the jump
+        foot, node = (scene.add_body((x, 0), mass=1.0).centre for x in (0.0, 1.0))
+        for body in (foot, node):
+            scene.fix(body, "y", "rotation")
+        scene.prescribe(foot, x=law)
+        laws = {"spring": fb.Spring(100.0, rest=1.0), "damper": fb.Damper(1.0)}
+        scene.add_force_between(foot, node, **laws)
+        component, jump, m, c, k = 0, 0.01, 1.0, 1.0, 100.0
+    else:  # an arm that a motor turns at once; its wheel follows by a spring
+        arm = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
+        wheel = scene.add_body((0, 0), mass=1.0, inertia=0.5)
+        node = wheel.centre
+        scene.add_joint(fb.Revolute(fb.GROUND, arm, motor=law))
+        scene.add_joint(fb.Revolute(arm, node, spring=fb.Spring(50.0), damper=fb.Damper(0.4)))
+        component, jump, m, c, k = 2, 0.01, 0.5, 0.4, 50.0
+    scheme, tolerance = fb.EnergyMomentum(order=order), 1e-5
+    run = fb.simulate(scene, scheme, t_end=0.6, tolerance=tolerance, breaks=[0.1])
+    t = np.maximum(run.t - 0.1, 0.0)
+    d = c / (2 * m)
+    w = np.sqrt(k / m - d * d)
+    # Of y = x - J: it starts at -J with the rate c J / m.
+    y = jump * np.exp(-d * t) * (-np.cos(w * t) + (c / m - d) / w * np.sin(w * t))
+    x = run.rotation(node) if component == 2 else run.displacement(node)[:, component]
+    exact = np.where(run.t < 0.1 + 1e-9, 0.0, jump + y)
+    assert abs(x - exact).max() < 5 * tolerance
+    assert run.stats.steps < 1000
+    energy = run.energy
+    assert abs(energy.balance_error).max() < 1e-10 * abs(energy.work).max()
+    assert energy.kinetic.max() < k * jump**2  # the rates of the jump do not stay
+
+
+def test_a_driven_motion_that_jumps_has_no_derivatives_and_no_conditions_by_a_tolerance():
+    def build(x):
+        scene = fb.Scene()
+        foot, node = (scene.add_body((i, 0), mass=1.0).centre for i in (0.0, 1.0))
+        scene.prescribe(foot, x=lambda t: x[0] * (t > 0.1), y=lambda t: 0.0, rotation=lambda t: 0.0)
+        scene.fix(node, "y", "rotation")
+        scene.add_force_between(foot, node, spring=fb.Spring(100.0, rest=1.0))
+        return scene, {"x": fb.Output("displacement", node, "x")}
+
+    options = {"t_end": 0.3, "tolerance": 1e-4, "breaks": [0.1]}
+    with pytest.raises(fb.SceneError, match="jumps at t = 0.1, where there are no derivatives"):
+        fb.Response(build, **options)([0.01])
+    with pytest.raises(fb.SceneError, match="no conditions"):
+        fb.simulate(build([0.01])[0], until=lambda t, y: t - 0.2, **options)
