@@ -190,8 +190,8 @@ class Scene:
             (x, y) for a fraction in [0, 1]. A node of another beam is shared rigidly:
             displacement and rotation are the same. Points at the same position are not joined; a
             warning names ends that lie on another beam, unless a joint, a contact or a line
-            connects them. On a curve the elements end at equal distances of arc length; elements of degree 2 and 3
-            are curved, those of degree 1 are its chords.
+            connects them. On a curve the elements end at equal distances of arc length; elements of
+            degree 2 and 3 are curved, those of degree 1 are its chords.
         section : Section
             Cross-section.
         elements : int or sequence of int, optional
