@@ -203,7 +203,8 @@ def _motion(rows) -> np.ndarray | None:
 def _all(rows: np.ndarray) -> tuple[np.ndarray, Callable]:
     """Unit motions (n, k) in the null space of a few rows, and the projection on this space."""
     largest = np.sqrt((rows**2).sum(axis=0).max()) or 1.0
-    _, violations, motions = np.linalg.svd(rows)
+    few = len(rows) < rows.shape[1]  # of more, those to the left need memory by their square
+    _, violations, motions = np.linalg.svd(rows, full_matrices=few)
     violations = np.append(violations, np.zeros(len(motions) - len(violations)))
     allowed = motions[violations <= _ROUNDING * largest].T
     return allowed, lambda motion: allowed @ (allowed.T @ motion)

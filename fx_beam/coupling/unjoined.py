@@ -90,7 +90,8 @@ def _connected(scene: Scene, count: int) -> tuple[np.ndarray, list[int]]:
     for contact in scene.contacts:
         other = contact.shape if isinstance(contact.shape, Beam) else contact.shape.carrier
         pair = contact.target, other or GROUND
-        links.append(tuple(number_of.get(id(part), getattr(part, "number", -1)) for part in pair))
+        a, b = (number_of.get(id(part), getattr(part, "number", -1)) for part in pair)
+        links.append((a, b))
     for line in scene.forces_between:
         links += zip(line.nodes, line.nodes[1:], strict=False)
     for joint in scene.joints:

@@ -158,7 +158,9 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     """
     require(isinstance(scene, Scene), "imperfect: scene", scene, "an fx_beam.Scene")
     require(is_number(size), "imperfect: size", size, "a finite number [m]")
-    exists = isinstance(modes, Modes) and is_whole(mode, 0, len(modes) - 1)
+    expected = "fx_beam.Modes, such as those of a critical point"
+    require(isinstance(modes, Modes), "imperfect: modes", modes, expected)
+    exists = is_whole(mode, 0, len(modes) - 1)
     require(exists, "imperfect: mode", mode, "the number of one of the modes")
     nodes = np.array([[node.x, node.y] for node in scene.nodes]).reshape(-1, 2)
     X = np.vstack([nodes, *(floats(inner_positions(beam)) for beam in scene.beams)])

@@ -65,7 +65,7 @@ def _error(stepper: LoadStepper, state: State, goal: float, failure: StepFailed)
     message = f"the step from load factor {state.t:.6g} to {goal:.6g} failed"
     advice = (
         'If the path has a limit point there, use continuation="arc-length". Otherwise try '
-        "more steps, and check the units of loads and stiffnesses"
+        "more steps or cuts (max_cuts), and check the units of loads and stiffnesses"
     )
     if len(response) == 2 and response[1] > _SOFTENING * response[0]:
         advice = (

@@ -9,6 +9,7 @@ from fx_beam.laws.interval import Interval, Rest
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.results.state import State
 from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.step_failures import StepFailed
 
 from .load_steps import LoadStepper
 
@@ -39,7 +40,13 @@ class SmallLoads:
         self._column = path.balance(y, 0.0)[2]
         #: Whether anything changes with the load factor.
         self.acts = bool(stepper.loop.forcing.rise.any() or self._column.any())
-        tangent = path.with_the_load(y, 0.0)
+        try:
+            tangent = path.with_the_load(y, 0.0)
+        except StepFailed as failure:
+            raise SceneError(
+                f"{name}: {failure.reason}. Check for a part without support, and the sizes of "
+                "stiffnesses and offsets"
+            ) from failure
         if not (tangent.load and np.isfinite(tangent.y).all()):
             raise SceneError(f"{name}: the state is at a critical point already. Reduce its loads")
         #: Displacements (free,) of the unknowns by the load factor, and (size,) of all nodes.

@@ -294,7 +294,7 @@ def _amplitudes(components) -> np.ndarray:
     row = components if isinstance(components, list | tuple) or np.ndim(components) else ()
     pairs = [(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in row]
     parts = floats(real_array(pairs))
-    finite = parts.ndim == 2 and bool((abs(parts) <= LARGEST).all())
+    finite = parts.shape[1:] == (2,) and bool((abs(parts) <= LARGEST).all())
     return parts @ (1, 1j) if finite else np.empty(0)
 
 

@@ -130,6 +130,11 @@ class RowFiles:
             return dict(zip(RESULTANTS, values, strict=True))
         return {}
 
+    @property
+    def has_rows(self) -> bool:
+        """Whether any rows are in files; else the recorder has all."""
+        return bool(self._written.small)
+
     # -- What stays ---------------------------------------------------------------------------
 
     def histories(self, last: bool = False) -> RecordedHistories:

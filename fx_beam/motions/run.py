@@ -257,7 +257,7 @@ class Run:
         if self._files is not None:
             self._files.take()
             self._files.save(self._of_rows, always=True)
-            rows = self._files.histories()
+            rows = self._files.histories() if self._files.has_rows else None
         return self._of_rows(rows)
 
     def _of_rows(self, rows: RecordedHistories | None) -> Solution:

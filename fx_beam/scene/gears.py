@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError, check_fields, real, require
+from fx_beam.errors import SceneError, check_fields, is_number, is_one_of, real, require
 
 from .beam import Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, functions_of
@@ -101,6 +101,8 @@ class Gear:
         require(self.driven in ("rotation", "slide"), "Gear: driven", self.driven, _DRIVEN)
         name = self._kind
         check_fields(self, name)
+        kinds = ("rotation", "slide")
+        require(is_one_of(self.driven, kinds), f"{name}: driven", self.driven, f"one of {kinds}")
         for joint, coordinate in ((self.joint_a, "rotation"), (self.joint_b, self.driven)):
             ok = isinstance(joint, Joint) and not isinstance(joint, SlidingJoint)
             ok = ok and getattr(joint, coordinate) is not None
@@ -256,6 +258,7 @@ def Rack(joint: Joint, slide: Joint, radius: float) -> Gear:
     >>> print(f"{motion.velocity(rack)[-1, 0]:.4f} m/s, {motion.joint(teeth).force[-1]:.2f} N")
     0.2000 m/s, 10.00 N
     """
+    require(is_number(radius), "Rack: radius", radius, "a finite number [m]")
     return Gear(joint, slide, radius, driven="slide")
 
 
@@ -263,6 +266,7 @@ def added_gear(scene, gear: object, solution: object) -> Gear:
     """A gear that a scene has from now on, made at a solution if one is given."""
     if not isinstance(gear, Gear):
         raise SceneError(f"add_joint needs a joint such as fx_beam.Revolute, not {gear!r}")
+    gear = replace(gear, number=-1)
     for joint in (gear.joint_a, gear.joint_b):
         joint_of(scene, joint, str(gear))
     if solution is not None:

@@ -502,7 +502,8 @@ def Prismatic(
         From a to a point of the guide in the reference configuration [m], from which the slide
         counts along the axis. From the ground it counts from the start of b.
     spring, damper : Spring, Damper, optional
-        On the slide.
+        On the slide, which nodes that are apart along the axis do not start from zero: `rest` is
+        where the spring is free of stress.
     motor : callable or Input, optional
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
     friction : SmoothFriction or Coulomb, optional

@@ -107,8 +107,8 @@ def line_load(beam: Beam, load, arguments: str, between: Sequence[float] | None 
 
 def _line_signal(beam: Beam, load, arguments: str, part: tuple[float, float], name: str) -> Signal:
     """The load per length (2,) of a part of a beam, as a function of its `arguments`."""
-    rows = list, tuple, np.ndarray
-    if isinstance(load, rows) and all(isinstance(value, rows) for value in load):
+    rows, is_row = (list, tuple, np.ndarray), getattr(load, "ndim", 1) > 0
+    if isinstance(load, rows) and is_row and all(isinstance(value, rows) for value in load):
         return _between_ends(load, part, name)
     if arguments in ("time", "projected length"):
         check_takes_time(load, name)

@@ -81,7 +81,7 @@ class Accelerogram(Signal):
 
 def acceleration(value: TimeValue, name: str) -> Signal:
     """An acceleration (1,) over time: a constant, a function, an `Input` or a record."""
-    if not isinstance(value, list | tuple | np.ndarray):
+    if not isinstance(value, list | tuple | np.ndarray) or getattr(value, "ndim", 1) == 0:
         if not isinstance(value, Input):
             check_takes_time(value, name)
         return time_function(value, 1, name)

@@ -22,7 +22,7 @@ _PASSED = (
     "or the radius of the members"
 )
 _SINGULAR = "the tangent is singular or a value is not finite"
-_OPEN = "a loop of joints cannot be closed"
+OPEN = "a loop of joints cannot be closed"
 _UNMET = "the friction of joints and the force that it follows do not meet"
 _AMPLIFIED = "damping adds energy to the motion, as a sub-step goes back in time"
 
@@ -57,7 +57,7 @@ class StepFailures:
         """Reject an increment (size,) with a rotation above the bound."""
         turn = abs(D[self.model.mesh.turns]).max()
         if not np.isfinite(turn):
-            raise StepFailed("no convergence", _OPEN, D, corrections)
+            raise StepFailed("no convergence", OPEN, D, corrections)
         if turn > self.options.max_turn:
             raise StepFailed("large rotation", self._turned(turn), D, corrections)
 
@@ -102,7 +102,7 @@ class StepFailures:
         reasons = {
             C.TURNED_TOO_FAR: ("large rotation", self._turned(turn), D),
             C.SINGULAR: ("singular", _SINGULAR, nowhere),
-            C.OPEN_LOOP: ("no convergence", _OPEN, nowhere),
+            C.OPEN_LOOP: ("no convergence", OPEN, nowhere),
             C.PASSED_THROUGH: ("members", _PASSED, D),
             C.MOVED_TOO_FAR: ("members", _MOVED, D),
             C.UNMET_FRICTION: ("no convergence", _UNMET, D),

@@ -16,6 +16,7 @@ from fx_beam.results.state import State
 from .full_turns import TurnCounter
 from .loop import CompiledLoop, Steps, StepsResult
 from .recorder import Mark, NullRecorder, Recorder, Rows
+from .step_failures import OPEN, StepFailed
 from .substeps import Halving
 
 if TYPE_CHECKING:
@@ -194,28 +195,34 @@ class Stepper:
         """StepError for a step to a time [s] that fails after all halvings."""
         start, halvings = self.loop.state.read(), self.halving.most
         failure = self.loop.failure(start, end)
-        advice = advice or self._advice(failure.kind)
+        advice = advice or self._advice(failure)
         message = f"the step from t = {start.t:.6g} to {end:.6g} failed"
         error = self.loop.failures.error(message, halvings, start, failure, advice)
         error.__cause__ = failure
         return error
 
-    def _advice(self, kind: str) -> str:
+    def _advice(self, failure: StepFailed) -> str:
         if self.model.reduction.singularity:
             return (
                 "Its velocity does not take it out of there. Let it not come to rest in this "
                 "position, or let a member yield: a beam in place of a body"
             )
-        if kind == "off the end":
+        if failure.kind == "off the end":
             return (
                 "The steps before are kept. Use a longer beam, an earlier t_end, or a stop on the "
                 "slide that turns the node back"
+            )
+        if failure.reason == OPEN and self.model.couplings.driven:
+            return (
+                "A motor or a driven motion may lead it past a position where bodies are in line "
+                "(a toggle), which no dt passes: let it turn back before, or drive another joint. "
+                "Else try a smaller dt"
             )
         advice = (
             f"Try a smaller dt{'' if self.halving.most else ' or max_halvings > 0'}. If this does "
             "not help, check the units of loads, velocities and stiffnesses, or try another scheme"
         )
-        if kind == "large rotation":
+        if failure.kind == "large rotation":
             advice += (
                 ". A moment on a node with almost no inertia, as of a controller, turns it this "
                 "far as well: add_mass(node, 0.0, inertia=...)"

@@ -1,5 +1,7 @@
 """Springs, dampers and stops to the ground, and beds, against closed forms."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scenes import pinned_bar
@@ -124,3 +126,18 @@ def test_springs_are_removed_alone_and_with_what_they_hold():
     scene.add_bed(beam, normal=1.0)
     scene.remove(beam)
     assert len(scene.forces_between) == 2
+
+
+def test_a_bed_takes_memory_in_proportion_to_the_elements():
+    """A square of the rows of supports and springs would be 3.2 GB."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (100, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=10_000)
+    scene.fix(beam.start, "x")
+    scene.add_bed(beam, normal=1e3)
+    scene.add_line_load(beam, (0, -1.0))
+    tracemalloc.start()
+    solution = fb.static(scene, linear=True)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 5e8
+    assert solution.displacement(beam.node(0.5))[-1, 1] == pytest.approx(-1e-3, rel=1e-3)

@@ -381,3 +381,31 @@ def test_modes_of_a_ladder_by_its_sparse_system_are_those_of_full_matrices():
     assert modes.angular_frequencies**2 == pytest.approx(squares, rel=1e-9)
     counted = [about.undamped_modes.count_below(bound) for bound in squares * 1.001]
     assert counted == [*range(1, len(K) + 1)]
+
+
+def test_a_loop_that_a_motor_leads_past_its_toggle_is_named():
+    """Crank and coupler are in line at 1.338 rad, from which the follower cannot go on."""
+    crank, coupler, follower, base = 0.25, 0.2, 0.22, 0.4
+    start, way = 0.6, 0.8
+    pin = crank * np.array([np.cos(start), np.sin(start)])
+    apart = np.hypot(*([base, 0] - pin))
+    along = (coupler**2 - follower**2 + apart**2) / (2 * apart)
+    across = np.sqrt(coupler**2 - along**2) * np.array([pin[1], base - pin[0]]) / apart
+    knee = pin + along * ([base, 0] - pin) / apart + across
+    places, scene = [(0, 0), pin, knee, (base, 0)], fb.Scene()
+
+    def turn(t):
+        return way * np.sin(np.pi * t / 2) ** 2
+
+    bars = [
+        scene.add_body(np.add(a, b) / 2, mass=1.0, inertia=0.01, points={"a": a, "b": b})
+        for a, b in zip(places, places[1:], strict=False)
+    ]
+    scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"], motor=turn))
+    for bar, other in zip(bars, bars[1:], strict=False):
+        scene.add_joint(fb.Revolute(bar["b"], other["a"]))
+    scene.add_joint(fb.Revolute(bars[2]["b"], fb.GROUND))
+    with pytest.raises(fb.StepError, match="in line .a toggle., which no dt passes") as stop:
+        fb.simulate(scene, dt=0.01, t_end=1.0)
+    toggle = (crank**2 + base**2 - (coupler + follower) ** 2) / (2 * crank * base)
+    assert start + turn(stop.value.failure.time) == pytest.approx(np.arccos(toggle), abs=1e-4)

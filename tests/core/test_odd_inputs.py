@@ -54,6 +54,20 @@ def no_arguments():
     return None
 
 
+def shafts():
+    scene = fb.Scene()
+    places = [scene.add_body((x, 0), 1.0, 0.1).centre for x in (0, 1)]
+    return [scene.add_joint(fb.Revolute(fb.GROUND, place)) for place in places]
+
+
+def geared(**options):
+    return fb.Gear(*shafts(), ratio=1.0, **options)
+
+
+def shaken(my, base):
+    return fb.frequency_response(my.scene, at=my.beam.end, frequencies=[1.0], base=base)
+
+
 def cost(value, **weights):
     return lambda t, y: (value, weights or {"tip": np.zeros_like(y["tip"])})
 
@@ -95,6 +109,15 @@ def cost(value, **weights):
             lambda my: fb.Response(lambda x: (bar()[0], {"a": no_arguments}), **STEPS)([1.0]),
             r"the output 'a' takes \(\); it must take \(solution\)",
         ),
+        # Numbers as arrays without axes, and joints
+        (lambda my: my.scene.add_line_load(my.beam, np.array(1.0)), "must be 2 numbers"),
+        (lambda my: geared(driven="slid"), "driven = 'slid' must be one of"),
+        (lambda my: geared(driven=0), "driven = 0 must be one of"),
+        (lambda my: fb.Rack(*shafts(), radius=np.nan), "Rack: radius = nan must be"),
+        (lambda my: fb.imperfect(my.scene, None, 1e-3), "modes = None must be fx_beam.Modes"),
+        (lambda my: shaken(my, np.eye(2)), "frequency_response: base"),
+        (lambda my: shaken(my, (1, "a")), "frequency_response: base"),
+        (lambda my: shaken(my, [1, [0]]), "frequency_response: base"),
         # Times
         (
             lambda my: fb.simulate(my.scene, dt=1e-320, t_end=1e-319),

@@ -1,5 +1,8 @@
 """Rows that go to files as they come are those of a solution in memory."""
 
+import errno
+import os
+
 import ufl
 
 import numpy as np
@@ -175,6 +178,16 @@ def test_steps_before_a_failure_are_in_the_file(few, tmp_path):
         fb.simulate(scene, dt=0.01, t_end=0.1, record=fb.Record(file=tmp_path / "rows.pvd"))
     text = (tmp_path / "rows.pvd").read_text()
     assert text.count("DataSet ") == len(caught.value.solution.t) == 6
+
+
+def test_a_disk_full_from_the_start_is_named_and_rows_are_kept(few, tmp_path, monkeypatch):
+    def write(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("fx_beam.results.paraview.Grid.write", write)
+    with pytest.raises(OSError, match="No space left on device") as stop:
+        fb.simulate(held(), dt=0.01, t_end=0.1, record=fb.Record(file=tmp_path / "rows.pvd"))
+    assert len(stop.value.solution.t) > 1 and stop.value.solution.has_motion
 
 
 def test_what_a_file_cannot_have_is_refused(tmp_path):
