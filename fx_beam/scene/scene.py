@@ -28,7 +28,7 @@ from .coarse_beams import warn_of_coarse_elements
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
-from .forces_between import ForceBetween, Point, Pull, checked_force
+from .forces_between import ForceBetween, Point, Pull, checked_force, parameter_of_length
 from .functions import ArrayCalls, Signal
 from .inputs import Input, TimeValue, is_open_input, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, coupling_of, moved_by, placed
