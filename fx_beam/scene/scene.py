@@ -320,7 +320,8 @@ class Scene:
 
         mesh = mesh_layout(points, cells, elements, joints == "pin")
         sections = sections_of(section, tags, len(mesh.starts) - 1)
-        for part in {id(part): part for part in sections}.values():
+        parts = {id(part): part for part in sections}.values()
+        for part in parts:
             self.parameters.add(functions_of_section(part), "add_mesh: section")
         nodes = self._nodes_at(mesh.positions.tolist(), "add_mesh")
         beams = MeshBeams([*nodes[: mesh.points]])
@@ -329,6 +330,9 @@ class Scene:
             name = self.beams.new_name(None)
             beam_nodes = tuple(nodes[i] for i in numbers[first:end])
             beams.append(self.beams.add(Beam(name, beam_nodes, degree, mesh.s[first:end], part)))
+        if any(part.varies(name) for part in parts for name in ("EA", "GA", "EI")):
+            for beam in beams:
+                warn_of_coarse_elements(beam)
         pin = None  # the others are copies of the first one, quickly
         for pair in mesh.pins.tolist():
             a, b = (nodes[i] for i in pair)

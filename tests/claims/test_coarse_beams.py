@@ -62,3 +62,9 @@ def test_two_layers_bend_as_one_within_one_per_cent_or_are_told_of(degree, eleme
     sunk = -fb.static(scene, linear=True).displacement(plate.end)[-1, 1]
     right = sunk == pytest.approx(10 / (3 * whole.EI), rel=0.01)
     assert right == (LAYERS not in caplog.text)
+
+
+def test_members_of_a_mesh_are_told_of_too(caplog):
+    section = fb.Section(**STIFF, EI=lambda f: 100.0 if f < 0.35 else 20.0)
+    fb.Scene().add_mesh([(0, 0), (1, 0), (2, 1)], [(0, 1), (1, 2)], section, elements=2)
+    assert caplog.text.count(JUMPS) == 2
