@@ -353,3 +353,19 @@ def test_outputs_of_a_rope_have_their_derivatives_beyond_half_a_turn():
             expected = (ends[0][name] - ends[1][name]) / 2e-5
             error = abs(slopes[..., i] - expected).max()
             assert error < 1e-5 * abs(expected).max() + 1e-8, (name, i)
+
+
+@pytest.mark.parametrize("sides", [("left", "left"), ("left", "right"), ("right", "right")])
+def test_bodies_that_circle_each_other_on_drums_of_one_rope_keep_energy_and_momenta(sides):
+    scene, points = fb.Scene(), []
+    for sign, side, radius, spin in zip((-1, 1), sides, (0.1, 0.06), (2.0, 1.0), strict=True):
+        body = scene.add_body((0.5 * sign, 0.1), 1.0 + 0.5 * sign, 0.05).centre
+        scene.set_velocity(body, (0.2, 3.0 * sign), spin=spin)
+        points.append(fb.Pulley(body, radius, side))
+    rope = scene.add_rope(points, fb.Spring(200.0, rest=0.8))
+    circle = fb.simulate(scene, dt=2e-3, t_end=4.0)
+    assert abs(circle.turns_of_line[rope.number]).max() >= np.pi - 1e-9
+    assert abs(np.diff(circle.joint(rope).length)).max() < 0.02
+    assert abs(circle.energy.balance_error).max() < 1e-11
+    for momentum in (circle.linear_momentum, circle.angular_momentum):
+        assert abs(momentum - momentum[0]).max() < 1e-11
