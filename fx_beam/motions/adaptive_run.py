@@ -155,8 +155,9 @@ class AdaptiveRun:
         if whole is None or halves is None:
             return True
         model = self._stepper.model
-        difference = abs(whole.q - halves.q) / model.units.errors(model.scene)
-        return self._control.matters(float(difference.max()))
+        difference = (whole.q - halves.q) / model.units.errors(model.scene)
+        x, y, turn = abs(difference.reshape(-1, 3)).T
+        return self._control.matters(float(np.maximum(np.hypot(x, y), turn).max()))
 
     def _harmless(self, state: State, t1: float) -> float:
         """End of a step that an event at its start or end does not disturb: t1 [s], or earlier.

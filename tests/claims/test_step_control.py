@@ -318,3 +318,19 @@ def test_a_driven_motion_that_jumps_has_no_derivatives_and_no_conditions_by_a_to
         fb.Response(build, **options)([0.01])
     with pytest.raises(fb.SceneError, match="no conditions"):
         fb.simulate(build([0.01])[0], until=lambda t, y: t - 0.2, **options)
+
+
+def test_steps_by_a_tolerance_do_not_depend_on_the_direction_of_the_axes():
+    def rows(angle):
+        c, s = np.cos(angle), np.sin(angle)
+        scene = fb.Scene(gravity=(9.81 * s, -9.81 * c))
+        section = fb.Section(EA=1e4, GA=1e4, EI=50.0, rhoA=1.0, rhoI=0.01)
+        beam = scene.add_beam([(0, 0), (c, s)], section, elements=2, degree=2)
+        scene.pin(beam.start)
+        scene.add_mass(beam.end, 2.0)
+        run = fb.simulate(scene, t_end=0.3, tolerance=1e-3)
+        return len(run.t), np.hypot(*run.displacement(beam.end)[-1])
+
+    (number, along_axes), *turned = map(rows, (0.0, 0.4, np.pi / 4, 2.0))
+    assert all(abs(n - number) <= 1 for n, _ in turned)
+    assert [size for _, size in turned] == pytest.approx([along_axes] * 3, rel=1e-3)

@@ -137,14 +137,18 @@ static int take_row(SparseRow *row, int pivot, double *number, int *column) {
 /* Rows by which others are eliminated, the pivot of each first; in `own` memory if they need more room than Work has. */
 typedef struct { double *number, *own; int *column; long room; } PivotRows;
 
-static void make_room(PivotRows *rows, long used, long more) {
-  if (used + more <= rows->room) return;
-  rows->room = 2 * (used + more);
-  double *number = malloc(rows->room * (sizeof(double) + sizeof(int)));
-  int *column = memcpy(number + rows->room, rows->column, used * sizeof(int));
+/* Returns 0 without memory. */
+static int make_room(PivotRows *rows, long used, long more) {
+  if (used + more <= rows->room) return 1;
+  long room = 2 * (used + more);
+  double *number = malloc(room * (sizeof(double) + sizeof(int)));
+  if (!number) return 0;
+  rows->room = room;
+  int *column = memcpy(number + room, rows->column, used * sizeof(int));
   memcpy(number, rows->number, used * sizeof(double));
   free(rows->own);
   rows->number = rows->own = number, rows->column = column;
+  return 1;
 }
 
 /* Chooses the unknowns of a block that follow: of each row of G the largest entry, after those before are eliminated. Returns the
@@ -172,7 +176,7 @@ static double choose_in_block(const Tables *p, const Work *w, int begin, int m, 
       double now = fabs(row->number[j]);
       if (now > size || (now == size && now > 0 && j < column)) size = now, column = j;
     }
-    make_room(rows, row_start[i], row->count + 1);
+    if (!make_room(rows, row_start[i], row->count + 1)) return 0;
     row_start[i + 1] = row_start[i] + take_row(row, column < 0 ? 0 : column, rows->number + row_start[i], rows->column + row_start[i]);
     if (column < 0) return 0;
     least = fmin(least, size * length);
