@@ -134,7 +134,6 @@ class Model:
         self.masses.warn_of_no_weight(data.scene)
         if elsewhere:
             self.mesh.move(floats(data.X))
-            warn_of_unjoined(data.scene, self.mesh)
             self.units = Units(self.mesh, self.couplings)
         self.reduction.joints.set_numbers(data.arms, data.gears)
         if data.gears != gears:

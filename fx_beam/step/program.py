@@ -6,6 +6,7 @@ from threading import RLock
 from typing import Any
 
 from fx_beam.c_library import declared
+from fx_beam.coupling.unjoined import warn_of_unjoined
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import MACROS
 from fx_beam.scene.scene import Scene
@@ -40,6 +41,9 @@ class Program:
         block = self.plan.block() if self.plan.size else None
         model = self.model.in_block(block, self)
         model.set_numbers(data)
+        is_one_of_many = scene.array_calls is not None  # such as those of a response
+        if not (is_one_of_many or data.lies_as(self.model.data)):
+            warn_of_unjoined(scene, model.mesh)
         return model
 
     def problem_of(self, model: Model, kind: Any) -> Problem:

@@ -74,3 +74,14 @@ def test_all_beams_of_a_lattice_with_pins_are_joined(caplog):
     scene.clamp(mesh.nodes[0])
     fb.static(scene, load_steps=1)
     assert "not joined" not in caplog.text
+
+
+def test_an_end_that_is_moved_onto_another_beam_is_named(caplog):
+    """The structure of the scene stays the same."""
+    for apart in (0.1, 0.0):
+        scene = fb.Scene()
+        scene.clamp(scene.add_beam([(0, 0), (0, 1.171875)], STRIP, elements=7).start)
+        scene.clamp(scene.add_beam([(apart, 0.5), (1, 0.5)], STRIP, elements=3).end)
+        assert "not joined" not in caplog.text
+        fb.static(scene, load_steps=1)
+    assert "beam 'beam 2' ends at (0, 0.5) on beam 'beam 1'" in caplog.text
