@@ -17,7 +17,7 @@ from fx_beam.symbolic import Expr, ufl
 from .beam import Node, position_of
 from .coordinate import Coordinate, Coulomb, Spring, functions_of
 from .inputs import TimeValue
-from .parameters import value_of
+from .parameters import is_parameter, value_of
 
 if TYPE_CHECKING:
     from .symbols import Parameter
@@ -228,11 +228,9 @@ class RopeSpring(Spring):
     length: Any = field(default=None, metadata=IS_DATA)
 
 
-def parameter_of_length(length: object, number: int) -> str:
+def parameter_of_length(length: Any, number: int) -> str:
     """Name of the parameter that is the length of a rope."""
-    from .symbols import Parameter
-
-    return length.name if isinstance(length, Parameter) else f"length of rope {number}"
+    return length.name if is_parameter(length) else f"length of rope {number}"
 
 
 def rope_spring(spring, length: TimeValue, number: int) -> tuple[RopeSpring, tuple[str, ...]]:
@@ -248,14 +246,12 @@ def rope_spring(spring, length: TimeValue, number: int) -> tuple[RopeSpring, tup
     require(ok, f"rope {number}: spring", spring, expected)
     k = Parameter(f"stiffness of rope {number}", spring.stiffness)
     names: tuple[str, ...] = (k.name,)
-    if isinstance(length, Parameter):
-        L = length
-    else:
-        L = Parameter(parameter_of_length(length, number), length)
-        names = (*names, L.name)
+    if not is_parameter(length):
+        length = Parameter(parameter_of_length(length, number), length)
+        names = (*names, length.name)
 
     def energy(x):
-        return ufl.conditional(ufl.gt(x, L), k / 2 * (x - L) ** 2, 0.0)
+        return ufl.conditional(ufl.gt(x, length), k / 2 * (x - length) ** 2, 0.0)
 
     return RopeSpring(strain_energy=energy, slope=k, length=length), names
 

@@ -9,6 +9,7 @@ from derivatives import difference
 from scenes import assert_refused, clamped_bar, guided_body, one_body
 
 import fx_beam as fb
+from fx_beam.step.program import PROGRAMS
 
 
 def pushed(*forces):
@@ -170,6 +171,7 @@ def test_more_elements_than_before_are_set_up_anew(make):
     options = {"dt": 0.01, "t_end": 0.05} if make is fb.Response else {"load_steps": 2}
     run = make(build, **options)
     alone = make(build, **options)([6])[1]["tip"]
+    PROGRAMS.clear()  # which this one has made
     for elements in (4, 4, 6):
         _, y = run([elements])
     assert (y["tip"] == alone).all()
