@@ -1,4 +1,4 @@
-"""Results that are computed once: of functions of small arrays, and of properties."""
+"""Results that are computed once: of functions of small arrays, and of properties; copies."""
 
 from __future__ import annotations
 
@@ -74,3 +74,10 @@ def _locked(result: Any) -> Any:
         for part in result.values() if isinstance(result, dict) else result:
             _locked(part)
     return result
+
+
+def shallow_copy(original: T) -> T:
+    """An object of the same class with the same attributes, sooner than by `copy.copy`."""
+    other = object.__new__(type(original))
+    other.__dict__.update(original.__dict__)
+    return other

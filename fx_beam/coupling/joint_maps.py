@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import shallow_copy
 from fx_beam.fem.compiled_points import CompiledPoints
 from fx_beam.fem.sparsity import starts_of
-from fx_beam.shallow_copy import shallow_copy
 
 from .graph import Couplings
 from .joints_in_c import JointsInC

@@ -10,13 +10,12 @@ import numpy as np
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs, array_at
-from fx_beam.content_cache import cached_property
+from fx_beam.content_cache import cached_property, shallow_copy
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.scene_data import Arm
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.results.state import MACROS
 from fx_beam.scene.scene import Scene
-from fx_beam.shallow_copy import shallow_copy
 
 from .graph import Auxiliaries, Couplings
 from .reduced_tangent import columns_of_slides

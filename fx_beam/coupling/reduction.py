@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse
 
-from fx_beam.content_cache import cached_property
+from fx_beam.content_cache import cached_property, shallow_copy
 from fx_beam.fem.compiled_points import CompiledPoints
 from fx_beam.laws.rates import UpdateRule
-from fx_beam.shallow_copy import shallow_copy
 
 from .graph import Auxiliaries, Couplings
 from .joint_maps import JointMaps

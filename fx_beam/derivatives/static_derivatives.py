@@ -19,8 +19,7 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.measured import Measured
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
-from fx_beam.step.model import fact, sizes_of
-from fx_beam.step.numbers import data_of
+from fx_beam.step.model import data_of, fact, sizes_of
 from fx_beam.step.tables import problem_of
 from fx_beam.step.tangent_storage import ProblemKind
 from fx_beam.step.tape import static_tape

@@ -20,8 +20,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
 from fx_beam.scene.scene import Scene
 from fx_beam.step.layout import Arrays
-from fx_beam.step.model import Model
-from fx_beam.step.numbers import data_of
+from fx_beam.step.model import Model, data_of
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.tables import Problem
 from fx_beam.step.tape_derivatives import TapeDerivatives

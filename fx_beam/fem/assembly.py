@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from fx_beam import c_library
+from fx_beam.content_cache import shallow_copy
 from fx_beam.laws.interval import StepBatch
-from fx_beam.shallow_copy import shallow_copy
 
 from .form_library import CompiledForm
 

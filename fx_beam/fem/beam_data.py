@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.content_cache import shallow_copy
 from fx_beam.dual import MaybeDual, dual_array, floats
 from fx_beam.errors import SceneError, any_of
 from fx_beam.laws.interval import StepBatch
@@ -18,7 +19,6 @@ from fx_beam.scene.loads import PARTS_OF_DRAG, VirtualWork, damping_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section, values_along
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.shallow_copy import shallow_copy
 
 from .assembly import Field, Space, Term
 from .form_library import CompiledForm

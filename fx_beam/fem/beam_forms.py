@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
+from fx_beam.content_cache import cached_property, shallow_copy
 from fx_beam.dual import MaybeDual
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import StepBatch
@@ -15,7 +15,6 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.law import frozen, functions_of_energy
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
-from fx_beam.shallow_copy import shallow_copy
 
 from .assembly import Term
 from .beam_data import LOSSES, BeamData, Kind, StepFacts, distinct, shapes_of

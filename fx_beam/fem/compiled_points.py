@@ -10,9 +10,9 @@ import numpy as np
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs
+from fx_beam.content_cache import shallow_copy
 from fx_beam.dual import floats
 from fx_beam.laws.interval import Interval, StepBatch
-from fx_beam.shallow_copy import shallow_copy
 
 from .compiled_laws import LIBRARY
 from .point_forces import PointForces

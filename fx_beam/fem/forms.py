@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from fx_beam.content_cache import cached_property
+from fx_beam.content_cache import cached_property, shallow_copy
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, StepBatch
 from fx_beam.laws.point_laws import StepRule
 from fx_beam.laws.rates import NodalRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.scene import Scene
-from fx_beam.shallow_copy import shallow_copy
 
 from .beam_data import check_shapes
 from .beam_forms import BeamForms

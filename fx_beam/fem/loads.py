@@ -15,10 +15,16 @@ from fx_beam.dual import Dual, MaybeDual, dual_array, floats
 from fx_beam.errors import all_of, any_of, warn_once
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, BeamPlace, Node, gauss_rule, lagrange_and_slopes
-from fx_beam.scene.functions import ArrayCalls, Signal, SignalAlong, constant, evaluate
+from fx_beam.scene.functions import (
+    Accelerogram,
+    ArrayCalls,
+    Signal,
+    SignalAlong,
+    constant,
+    evaluate,
+)
 from fx_beam.scene.loads import NAMES, ON_MASSES, Load, values_along
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.shaking import Accelerogram
 from fx_beam.scene.structure import OtherStructureError
 
 from .mesh import Mesh

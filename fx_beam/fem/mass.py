@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import shallow_copy
 from fx_beam.dual import MaybeDual, dual_array, dual_of, floats, linear
 from fx_beam.errors import all_of, any_of, warn_once
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.shallow_copy import shallow_copy
 
 from .beam_data import distinct, section_data
 from .loads import LoadedBeams, element_rule

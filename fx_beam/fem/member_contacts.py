@@ -11,6 +11,7 @@ import scipy.sparse
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs
+from fx_beam.content_cache import shallow_copy
 from fx_beam.errors import SceneError
 from fx_beam.laws import scalar_laws as laws
 from fx_beam.laws.member_gap import FOLLOWED, FOLLOWED_WITH_FRICTION, MEMBER, MEMBER_WITH_FRICTION
@@ -21,7 +22,6 @@ from fx_beam.scene.coordinate import friction_numbers, numbers_of_loss
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.shallow_copy import shallow_copy
 
 from .compiled_laws import LIBRARY, PointFunction, compiled_laws
 from .mesh import Mesh

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.content_cache import shallow_copy
 from fx_beam.dual import MaybeDual
 from fx_beam.errors import SceneError
 from fx_beam.scene.functions import Signal, evaluate
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.shallow_copy import shallow_copy
 
 
 class ParameterFunctions:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import shallow_copy
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.shallow_copy import shallow_copy
 
 from .loads import Followers
 from .parameter_values import ParameterValues

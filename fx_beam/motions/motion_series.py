@@ -10,7 +10,7 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.step.numbers import data_of
+from fx_beam.step.model import data_of
 
 from .initial_state import end_of
 from .options import Options

@@ -11,8 +11,7 @@ from fx_beam.dual import MaybeDual, dual_array
 from fx_beam.fem.scene_data import Data
 from fx_beam.results.state import State
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.model import Model, fact, sizes_of
-from fx_beam.step.numbers import numbers_of
+from fx_beam.step.model import Model, fact, numbers_of, sizes_of
 
 from .initial_state import reference_state
 

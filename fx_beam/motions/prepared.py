@@ -19,8 +19,7 @@ from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
-from fx_beam.step.model import Model, fact
-from fx_beam.step.numbers import data_of
+from fx_beam.step.model import Model, data_of, fact
 from fx_beam.step.program import PROGRAMS
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import Stepper

@@ -12,7 +12,8 @@ from typing import TypeVar
 import numpy as np
 
 from fx_beam.errors import StepError, any_of, warn_once
-from fx_beam.laws.schemes import order_and_constant
+from fx_beam.laws.resultants import Decaying
+from fx_beam.laws.schemes import Scheme, order_and_constant
 from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -25,7 +26,6 @@ from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.substeps import LARGE_TURN
 
-from .balance_check import warn_of_balance
 from .contact_check import warn_of_long_elements, warn_of_places, warn_of_sharp_bends
 from .evaluation import solution_of
 from .options import Tolerance
@@ -48,6 +48,11 @@ _IMPACTS = (
     "order 4. Errors are then far above a small tolerance, up to 70 times at 1e-4 and 1e-5. Use "
     "order=2 or dt_max"
 )
+# Signs of energies in their balance, in the order of `Energy`: not of the numerical part of losses.
+_SIGNS = np.array([1.0, 1.0, 1.0, -1.0, 1.0, 1.0, 1.0, 0.0])
+# Error of the balance, relative to the largest of the energies, from which it is named; and what
+# round-off of all of them may be.
+_LARGE, _ROUND_OFF = 1e-3, 1e-9
 
 
 def warn_of_parts(stats: Stats, dt: float) -> None:
@@ -77,6 +82,31 @@ def warn_of_rounding(stats: Stats) -> None:
             f"{stats.scheme}: rounding errors change the motion by about {stats.rounding:.1g} of "
             f"its size, or more where they grow; most in {stats.rounding_in}, which is very stiff "
             "for its mass. Give it more mass or less stiffness, or take it as massless or rigid"
+        )
+
+
+def warn_of_balance(scheme: Scheme, t: np.ndarray, energies: np.ndarray) -> None:
+    """Warn of the first of the rows (n, 8) of energies that gain or lose much without a cause.
+
+    Schemes that do not balance energy may lose some; what they gain is named.
+    """
+    errors = energies @ _SIGNS
+    errors -= errors[0]
+    if not scheme.balances_energy and not isinstance(scheme.resultants, Decaying):
+        errors = np.maximum(errors, 0.0)
+    largest = abs(errors).max()
+    if not largest > _ROUND_OFF * abs(energies).max():
+        return
+    kinetic, strain, potential, work, springs, dissipated, *_ = energies.T
+    parts = kinetic, strain + springs, potential - potential[0], work, dissipated
+    size = max(abs(part).max() for part in parts)
+    if largest > _LARGE * size:
+        k = int(np.argmax(abs(errors) > _LARGE * size))
+        _log.warning(
+            "simulate: the energies do not balance: from t = %.6g on the motion %s energy without "
+            "a cause, up to %.3g J; its energies are %.3g J. Take shorter steps or a tolerance; "
+            "energy.balance_error shows where it happens",
+            *(t[k], "gains" if errors[k] > 0 else "loses", largest, size),
         )
 
 

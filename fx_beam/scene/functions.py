@@ -378,3 +378,45 @@ def _is_endless(error: BaseException | None) -> bool:
     while error is not None and not isinstance(error, RecursionError):
         error = error.__cause__ or error.__context__
     return error is not None
+
+
+class Accelerogram(Signal):
+    """Values (1,) at times [s], with straight lines between, and zero before and after."""
+
+    def __init__(self, times: np.ndarray, values: np.ndarray, name: str):
+        super().__init__(self._at, 1, name)
+        self.times, self.values = times, values
+
+    def _at(self, t: MaybeDual) -> MaybeDual:
+        times, places = floats(dual_array(self.times)), floats(t)
+        is_recorded = (places >= times[0]) & (places <= times[-1])
+        interpolated = np.interp(t, dual_array(self.times), dual_array(self.values))
+        return np.where(is_recorded, interpolated, 0.0)
+
+    def each(self, rows: MaybeDual, arrays: ArrayCalls | None = None, run: str = "") -> MaybeDual:
+        """Values (n, 1) at times (n, 1) [s], by one call for all."""
+        return self._at(rows)
+
+    @property
+    def spacing(self) -> float:
+        """The median time between two samples [s]."""
+        lengths = np.diff(floats(self.times))
+        return float(np.median(lengths[lengths > 0]))
+
+    def means(self, t0: np.ndarray, t1: np.ndarray) -> MaybeDual:
+        """Mean values (n,) over intervals from t0 to t1 (n,) [s], whose lengths are not zero."""
+        return (self._integral(t1) - self._integral(t0)) / (t1 - t0)
+
+    def goes_over_samples(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
+        """Flags (n,) of the intervals from t0 to t1 (n,) [s] that have a sample inside."""
+        samples = floats(self.times)
+        return np.searchsorted(samples, t0, "right") != np.searchsorted(samples, t1, "right")
+
+    def _integral(self, t: np.ndarray) -> MaybeDual:
+        """Its integral up to the times t (n,) [s]: trapezes to the sample before, and a rest."""
+        times, values = dual_array(self.times), dual_array(self.values)
+        areas = np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(times))
+        t = np.minimum(np.maximum(t, times[0]), times[-1])
+        piece = np.searchsorted(floats(times)[1:-1], floats(t), "right")
+        rest = (values[piece] + self._at(t)) / 2 * (t - times[piece])
+        return np.append(0.0, areas)[piece] + rest

@@ -24,7 +24,6 @@ from fx_beam.errors import (
 from . import loads
 from .beam import COMPONENTS, Beam, BeamPlace, Node, Nodes, checked_degree, position_of
 from .body import Body, Members, check_body, velocities_of
-from .coarse_beams import warn_of_coarse_elements
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
@@ -237,7 +236,7 @@ class Scene:
         if offset is None:
             nodes = self._nodes_at(line.ends, f"beam {name!r}")
             beam = Beam(name, nodes, degree, line.s, section, line.inner)
-            warn_of_coarse_elements(beam)
+            _look_at_elements(beam)
             return self.beams.add(beam)
         from .eccentric import shifted
 
@@ -247,7 +246,7 @@ class Scene:
             self._numbered(Rigid(a, b, offset=(b.x - a.x, b.y - a.y)))
         fractions = line.s / line.s[-1]
         beam = Beam(name, nodes, degree, axis.s, section, axis.inner, fractions, carriers)
-        warn_of_coarse_elements(beam)
+        _look_at_elements(beam)
         return self.beams.add(beam)
 
     def add_mesh(
@@ -330,9 +329,9 @@ class Scene:
             name = self.beams.new_name(None)
             beam_nodes = tuple(nodes[i] for i in numbers[first:end])
             beams.append(self.beams.add(Beam(name, beam_nodes, degree, mesh.s[first:end], part)))
-        if any(part.varies(name) for part in parts for name in ("EA", "GA", "EI")):
+        if any(map(_varies, parts)):
             for beam in beams:
-                warn_of_coarse_elements(beam)
+                _look_at_elements(beam)
         pin = None  # the others are copies of the first one, quickly
         for pair in mesh.pins.tolist():
             a, b = (nodes[i] for i in pair)
@@ -1633,3 +1632,16 @@ def _added(parts: list, part: _Part) -> _Part:
     """The part, added to a list of the scene."""
     parts.append(part)
     return part
+
+
+def _varies(section: Section) -> bool:
+    """Whether a stiffness varies along a beam."""
+    return any(section.varies(name) for name in ("EA", "GA", "EI"))
+
+
+def _look_at_elements(beam: Beam) -> None:
+    """Warn of elements that are too coarse for a section or an offset."""
+    if beam.carriers or _varies(beam.section):
+        from .coarse_beams import warn_of_coarse_elements
+
+        warn_of_coarse_elements(beam)

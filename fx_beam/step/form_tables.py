@@ -10,13 +10,12 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.c_library import Structs
-from fx_beam.content_cache import cached_by_content
+from fx_beam.content_cache import cached_by_content, shallow_copy
 from fx_beam.dual import floats
 from fx_beam.fem.assembly import Field, Term
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.sparsity import starts_of
 from fx_beam.laws.interval import StepBatch
-from fx_beam.shallow_copy import shallow_copy
 
 from .block import address_of, aligned_zeros
 from .build import load_batches

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from fx_beam.content_cache import shallow_copy
 from fx_beam.fem.forms import Forms
 from fx_beam.results.state import State
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
-from fx_beam.shallow_copy import shallow_copy
 
 
 class Kinks:

@@ -10,16 +10,16 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fx_beam.coupling.graph import Auxiliaries, couple, motors
+from fx_beam.content_cache import shallow_copy
+from fx_beam.coupling.graph import Auxiliaries, couple, joints_with_arms, motors
 from fx_beam.coupling.joints_in_c import begin_to_build_joints, numbers_of_gears
 from fx_beam.coupling.reduction import Reduction
-from fx_beam.coupling.unjoined import warn_of_unjoined
-from fx_beam.dual import MaybeDual, floats
+from fx_beam.dual import MaybeDual, dual_array, floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
 from fx_beam.fem.mass import Mass
-from fx_beam.fem.mesh import build_mesh
+from fx_beam.fem.mesh import Mesh, build_mesh
 from fx_beam.fem.scene_data import Data, FormData, arms_of, form_data
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS
@@ -29,7 +29,6 @@ from fx_beam.scene.joints import GROUND, slides_at_start
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
 from fx_beam.scene.structure import OtherStructureError, Structure
-from fx_beam.shallow_copy import shallow_copy
 
 from .build import begin_to_build
 from .kinks import Kinks
@@ -84,7 +83,7 @@ class Model:
         self.masses.assembled += [str(load) for load in scene.loads]
         self.masses.name(scene, scheme.rates.at_rest)
         self.masses.warn_of_no_weight(scene)
-        warn_of_unjoined(scene, self.mesh)
+        look_at_ends(scene, self.mesh)
         self.reduction: Reduction
         self._build_reduction()
         #: Whether friction sticks, whose damping depends on masses and places.
@@ -245,6 +244,14 @@ class Model:
             check_loops(scene, self.reduction, loops)
 
 
+def look_at_ends(scene: Scene, mesh: Mesh) -> None:
+    """Warn of beams that end on another one without being joined to it."""
+    if len(scene.beams) > 1:
+        from fx_beam.coupling.unjoined import warn_of_unjoined
+
+        warn_of_unjoined(scene, mesh)
+
+
 def damped(model: Model, data: Data, reduction: Reduction) -> Data:
     """Numbers in which friction that sticks has critical damping, by the masses it holds."""
     from .inertia import mobility
@@ -325,3 +332,64 @@ def _probable_features(scene: Scene, scheme: Scheme) -> str:
     if scheme.rates.at_rest:
         return "0"
     return "BAND" if scene.beams and (scene.joints or scene.beams[0].degree > 1) else "CHAIN"
+
+
+# -- The numbers of a scene by the indices of a model ----------------------------------------------
+
+
+def read_numbers(model: Model, scene: Scene) -> Data:
+    """The numbers of a scene of the structure of a model; OtherStructureError for other zeros.
+
+    Friction that sticks has the damping of other masses until `Model.set_numbers`.
+    """
+    X = model.mesh.positions_of(scene)
+    data = model.read(scene, X, form_data(scene, model.mesh, X, model.scheme.rates), model.data)
+    _check(model, data)
+    return data
+
+
+def data_of(model: Model, scene: Scene) -> Data:
+    """The numbers of a scene; OtherStructureError if it differs in more from that of the model."""
+    model.structure.check(scene)
+    data = read_numbers(model, scene)
+    if not model.sticks:
+        return data
+    fits = not model.couplings.need_places or data.lies_as(model.data)
+    fitting = model if fits else Model(scene, model.scheme, part=True)
+    return damped(model, data, fitting.reduction)
+
+
+def _check(model: Model, data: Data) -> None:
+    """OtherStructureError if data are of other kinds than the numbers that a model has."""
+    known = model.data
+    model.forms.check(data.forms)
+    if data.masses is not known.masses:
+        model.masses.check(data.masses)
+    if data.arms.keys() != known.arms.keys():
+        raise OtherStructureError("other joints have offsets")
+    for old, new in ((known.loads, data.loads), (known.natural, data.natural)):
+        if new is not old:
+            old.check(new)
+
+
+def numbers_of(model: Model, data: Data) -> dict[str, MaybeDual]:
+    """All numbers by name as flat arrays, with slopes that the scene has."""
+    scene, couplings = data.scene, model.couplings
+    numbers: dict[str, object] = {"X": data.X, "columns": data.loads.entries}
+    numbers |= data.forms.numbers | data.masses
+    if data.natural:
+        numbers["natural columns"] = data.natural.entries
+    if moving := joints_with_arms(couplings, scene):
+        axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
+        numbers["offset"] = dual_array([joint.offset for joint in moving]).reshape(-1, 2)
+        numbers["axis"] = dual_array(axes).reshape(-1, 2)
+        numbers["rest"] = [joint.start()[0] for joint in moving]
+    if couplings.gears:
+        numbers["gears"] = dual_array(data.gears)
+    if couplings.sliding:
+        joints = {joint.number: joint for joint in sliding_joints(scene.joints)}
+        sliding = [joints[joint.number] for joint in couplings.sliding]
+        numbers["places"] = [joint.place_at_rest for joint in sliding]
+        paths = {id(joint.beam): joint.path for joint in sliding}
+        numbers["paths"] = np.concatenate([path.numbers for path in paths.values()])
+    return {name: dual_array(values) for name, values in numbers.items()}

@@ -6,16 +6,14 @@ from threading import RLock
 from typing import Any
 
 from fx_beam.c_library import declared
-from fx_beam.coupling.unjoined import warn_of_unjoined
+from fx_beam.content_cache import shallow_copy
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import MACROS
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError, Structure
-from fx_beam.shallow_copy import shallow_copy
 
 from .block import BlockPlan
-from .model import Model
-from .numbers import read_numbers
+from .model import Model, look_at_ends, read_numbers
 from .tables import Problem
 
 # Number of purposes, such as options of Newton's method, for which a program has problems in C.
@@ -43,7 +41,7 @@ class Program:
         model.set_numbers(data)
         is_one_of_many = scene.array_calls is not None  # such as those of a response
         if not (is_one_of_many or data.lies_as(self.model.data)):
-            warn_of_unjoined(scene, model.mesh)
+            look_at_ends(scene, model.mesh)
         return model
 
     def problem_of(self, model: Model, kind: Any) -> Problem:

@@ -10,8 +10,8 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs
+from fx_beam.content_cache import shallow_copy
 from fx_beam.fem.sparsity import Pattern
-from fx_beam.shallow_copy import shallow_copy
 
 from .lu_layout import NONE, factors_of
 

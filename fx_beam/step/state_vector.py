@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.content_cache import shallow_copy
 from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
-from fx_beam.shallow_copy import shallow_copy
 
 from .block import aligned_zeros
 from .model import Model, fact, sizes_of

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from fx_beam.laws.schemes import order_and_constant
-from fx_beam.scene.shaking import Accelerogram
+from fx_beam.scene.functions import Accelerogram
 
 from .model import Model
 

@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fx_beam.c_library import Structs, array_at, declared
-from fx_beam.content_cache import cached_property
+from fx_beam.content_cache import cached_property, shallow_copy
 from fx_beam.dual import floats
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import MACROS
 from fx_beam.scene.beam import gauss_rule
-from fx_beam.shallow_copy import shallow_copy
 
 from .block import Block, BlockPlan, aligned_zeros
 from .build import begin_to_build, load_library
