@@ -22,19 +22,73 @@ from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import Mesh, build_mesh
 from fx_beam.fem.scene_data import Data, FormData, arms_of, form_data
 from fx_beam.laws.schemes import Scheme
-from fx_beam.results.state import ROWS
+from fx_beam.results.state import ROWS, State
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.coordinate import Coulomb
 from fx_beam.scene.joints import GROUND, slides_at_start
+from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
 from fx_beam.scene.structure import OtherStructureError, Structure
 
 from .build import begin_to_build
-from .kinks import Kinks
-from .units import Units
+from .units import Units, little_mass, mobility
 
 T = TypeVar("T")
+
+
+class Kinks:
+    """Conditions on which slopes of the forces depend besides small changes of the state."""
+
+    def __init__(self, scene: Scene, forms: Forms, at_rest: bool):
+        self._forms, points = forms, forms.points
+        energies = [beam.section.strain_energy for beam in scene.beams]
+        #: Whether members or springs have internal variables.
+        self.flows = forms.internal_shape[-1] > 0 or points.flows
+        #: Whether members or virtual works have functions of a user, which may have kinks.
+        self.bend = any(energies) or bool(scene.virtual_works)
+        #: Whether there are obstacles or stops.
+        self.has_contact = points.any_have("unilateral")
+        own = any(force.force for force in scene.forces_between)
+        #: Whether all forces have a potential in statics: nothing follows the motion or flows.
+        self.potential = not (forms.has_added or own or self.flows)
+        sudden = points.any_have("needs_line_search")
+        #: Whether slopes of forces may change at once: flow, contact, functions of a user.
+        self.any = self.bend or sudden or self.flows or self.has_contact
+        #: Whether corrections of Newton's method may be far too long. In motions the force of a
+        #: contact over a step is smooth and convex.
+        self.overshoot = forms.internal_shape[-1] > 0 or sudden or (at_rest and self.has_contact)
+        # Friction, contact with a loss, and dampers with laws of a user lose quickly.
+        quick = (law.iteration_memory or (law.loss and law.user_defined) for law in points.laws)
+        pieced = (energy is not None and has_pieces(energy) for energy in energies)
+        #: Whether forces change quickly where no switch tells: sections' laws, flow, losses.
+        self.unseen = self.flows or any(quick) or any(pieced)
+
+    def on(self, forms: Forms) -> Kinks:
+        """The same conditions on the forces of another scene with this structure."""
+        other = shallow_copy(self)
+        other._forms = forms
+        return other
+
+    def switches(self, state: State) -> np.ndarray:
+        """Values that change their sign where a contact opens or closes, or a law switches."""
+        self._forms.parameters.use(state.parameters)
+        return self._forms.compiled_points.switches(state.q, state.slides)
+
+    def flowed(self, start: State, end: State) -> bool:
+        """Whether something flows, or sticks, between two states."""
+        names = "internal", "spring_internal"
+        return not all(np.array_equal(getattr(start, n), getattr(end, n)) for n in names)
+
+    def switched(self, start: State, end: State) -> bool:
+        """Whether a contact opens or closes, or a law switches: members that are near may touch."""
+        members = self._forms.points.members
+        first, last = (np.sign(self.switches(state)) for state in (start, end))
+        return (members is not None and members.are_near) or not np.array_equal(first, last)
+
+    def begin(self, start: State, end: State) -> bool:
+        """Whether flow or contact may begin or end in a step, which its predictor does not know."""
+        return self.flowed(start, end) or (self.has_contact and self.switched(start, end))
 
 
 class Model:
@@ -205,8 +259,6 @@ class Model:
         masses = np.array([(m, m, inertia) for _, m, inertia in scene.masses]).ravel()
         entries = self.masses.places.lumped[masses != 0]
         if self.fits_rates:
-            from .inertia import little_mass
-
             little = little_mass(self.masses.matrix, self.units.nodes, scene, self.mesh)
             entries = np.append(entries, self.masses.places.diagonal[little > 0])
         used = functools.partial(self.forms.used_entries, entries, self.scheme.rates.user_defined)
@@ -254,8 +306,6 @@ def look_at_ends(scene: Scene, mesh: Mesh) -> None:
 
 def damped(model: Model, data: Data, reduction: Reduction) -> Data:
     """Numbers in which friction that sticks has critical damping, by the masses it holds."""
-    from .inertia import mobility
-
     mass = model.masses.places.matrix(floats(data.masses["mass"]))
     moves = mobility(data, mass, reduction, model.mesh)
     return data._replace(forms=form_data(data.scene, model.mesh, data.X, model.scheme.rates, moves))

@@ -28,6 +28,7 @@ from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE
 from .state_vector import StateVector
 from .substeps import LARGE_TURN
 from .tangent_storage import ProblemKind, TangentStorage
+from .units import little_mass
 
 if TYPE_CHECKING:
     from .turning_frame import TurningFrame
@@ -98,8 +99,6 @@ class SceneNumbers:
                 values = model.masses.matrix.data[self._storage.mass_entries] * [1, 1, turning]
             numbers["mass"] = np.append(kind.inertia * values, 0.0)
         if kind.rates:
-            from .inertia import little_mass
-
             matrix, units = model.masses.matrix, model.units.nodes
             little = little_mass(matrix, units, model.scene, model.mesh)
             numbers["viscous_weight"] = little
