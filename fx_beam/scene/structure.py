@@ -101,6 +101,10 @@ class Structure:
         if (other := Structure(scene)) != self:
             raise OtherStructureError(self.difference(other))
 
+    def has_other_functions(self, other: Structure) -> bool:
+        """Whether only functions of the user differ from those of another structure."""
+        return self._forms == other._forms and self._functions != other._functions
+
     def difference(self, other: Structure) -> str:
         """Where another structure differs first."""
         if self.counts[0] != other.counts[0]:

@@ -115,7 +115,13 @@ class Programs:
         if entries and entries[-1] is latest:
             return
         kept, size = [latest], latest[1].model.size
-        for entry in [entry for entry in entries if entry is not latest][: -self._most : -1]:
+        # Code of a user's functions goes with the next functions in their place.
+        others = [
+            entry
+            for entry in entries
+            if entry is not latest and not latest[0][0].has_other_functions(entry[0][0])
+        ]
+        for entry in others[: -self._most : -1]:
             if (size := size + entry[1].model.size) > self.size:
                 break
             kept.append(entry)

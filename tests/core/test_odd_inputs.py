@@ -111,8 +111,8 @@ def cost(value, **weights):
         ),
         # Numbers as arrays without axes, and joints
         (lambda my: my.scene.add_line_load(my.beam, np.array(1.0)), "must be 2 numbers"),
-        (lambda my: geared(driven="slid"), "driven = 'slid' must be one of"),
-        (lambda my: geared(driven=0), "driven = 0 must be one of"),
+        (lambda my: geared(driven="slid"), "driven = 'slid' must be 'rotation' or"),
+        (lambda my: geared(driven=0), "driven = 0 must be 'rotation' or"),
         (lambda my: fb.Rack(*shafts(), radius=np.nan), "Rack: radius = nan must be"),
         (lambda my: fb.imperfect(my.scene, None, 1e-3), "modes = None must be fx_beam.Modes"),
         (lambda my: shaken(my, np.eye(2)), "frequency_response: base"),
