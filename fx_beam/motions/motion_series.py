@@ -58,6 +58,10 @@ class MotionSeries:
             try:
                 if self.is_kept:
                     last.model.structure.check(scene)
+                elif not options.scheme.built_in:
+                    raise OtherStructureError(
+                        "the scheme has functions of your own, which may have changed"
+                    )
                 else:
                     last.restart(scene, options)
                     self.prepared = last

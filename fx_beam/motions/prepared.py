@@ -20,7 +20,7 @@ from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model, data_of, fact
-from fx_beam.step.program import PROGRAMS
+from fx_beam.step.program import PROGRAMS, Program
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import Halving
@@ -61,10 +61,7 @@ class Prepared:
 
         OtherStructureError if it, or what is asked for, differs in more; nothing is set then.
         """
-        if self.model.program is None:
-            raise OtherStructureError(
-                "the scheme has functions of your own, which may have changed"
-            )
+        assert self.model.program is not None, "it must be prepared as owned"
         last = self.options
         if (options.scheme, options.newton) != (last.scheme, last.newton):
             raise OtherStructureError("another scheme, or other options")
@@ -164,6 +161,8 @@ def prepare(scene: Scene, options: Options, owned: bool = False) -> Prepared:
         model, reason = PROGRAMS.model_of(scene, options.scheme, owned)
     else:
         model, reason = Model(scene, options.scheme), "the first scene"
+        if owned:
+            model = Program(model).model_of(scene)
     prepared = Prepared(model, options)
     prepared.stats.setup_reason = reason
     return prepared

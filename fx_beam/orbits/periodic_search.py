@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -279,7 +280,7 @@ class _OverFrequency(Shooting):
     def __init__(self, build: Build, frequency: float, periods: int, options: PeriodicOptions):
         self._build, self._periods = build, periods
         self._now = frequency
-        super().__init__(_scene(build, frequency), options)
+        super().__init__(_scene(build, frequency), options, partial(prepare, owned=True))
 
     def length_of(self, parameter: float) -> float:
         return self._periods / parameter

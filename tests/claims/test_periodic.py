@@ -416,6 +416,26 @@ def test_a_free_motion_that_loses_energy_does_not_repeat_itself():
         fb.periodic(scene, mode=0, amplitude=1.0, steps=21)
 
 
+def test_a_scheme_of_ones_own_follows_forced_motions():
+    """The springs of joints do not depend on it: amplitudes of x'' + c x' + x = F cos(w t)."""
+
+    def build(f):
+        scene, build.body, _ = guided_body(
+            (0, 0), 1.0, 1.0, spring=fb.Spring(1.0), damper=fb.Damper(0.2)
+        )
+        scene.add_force(build.body, lambda t: (0.1 * math.cos(2 * math.pi * f * t), 0.0))
+        return scene
+
+    def resultants(step, law):
+        return fb.MidPoint().resultants(step, law)
+
+    own = fb.Scheme("own", resultants, fb.MidPointRates())
+    curve = fb.forced_response(build, (0.1, 0.14), scheme=own)
+    w = 2 * np.pi * curve.frequencies
+    exact = 0.1 / np.hypot(1 - w**2, 0.2 * w)
+    assert len(curve) > 2 and curve.amplitudes(build.body, "x") == pytest.approx(exact, rel=5e-3)
+
+
 def test_a_scene_that_build_changes_in_more_than_numbers_is_refused():
     def build(f):
         scene, body = duffing(0.1, lambda t: 0.1 * math.cos(2 * math.pi * f * t))
