@@ -107,10 +107,6 @@ class LoadPath(PathSteps):
             _name_critical_point(self, error)
             warn_of_sharp_bends(error.solution)
 
-    def first_state(self) -> State:
-        """The equilibrium at load factor 0, from which the loads rise."""
-        return PathStates(self.crossings.arc, self._start).first_state()
-
     def unloaded_state(self) -> State:
         """The equilibrium without loads: that to which springs under tension bring the scene."""
         return PathStates(self.crossings.arc, self._start).unloaded_state()
@@ -229,8 +225,10 @@ def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:
 def unloaded(scene: Scene, caller: str) -> Solution | None:
     """The equilibrium of a scene without loads, in a solution of one row; None of a mechanism."""
     path = LoadPath(scene, StaticOptions(what=caller), None)
-    solution = None if path.mechanism else path.unloaded()
-    return None if path.mechanism else solution
+    if path.mechanism:
+        return None
+    solution = path.unloaded()
+    return None if path.mechanism else solution  # laws of springs may leave a part free
 
 
 def path_of(solution: object, scene: Scene) -> LoadPath | None:

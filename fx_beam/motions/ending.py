@@ -166,8 +166,7 @@ class Ending:
         self._return_to(start)
         recorder: Rows = self._recorder if self._reads_rows else NullRecorder()
         number, ends = self._stepper.stats.steps + 1, np.array([t])
-        if isinstance(recorder, Recorder):
-            recorder.plan(number, ends, last=False)
+        recorder.plan(number, ends, last=False)
         self._stepper.advance(ends, number, recorder)
         return self._values_after(start.mark, recorder.end, [name])[name]
 

@@ -167,23 +167,23 @@ class OpenMotion:
     def step(self, inputs: Mapping[str, object]) -> None:
         """Take a step with some new inputs."""
         self.settle()
-        grid, recorder, before, number, mark, _, _, start = self.now
-        checked, number = self.held.checked(inputs), number + 1
-        t1 = grid(number)
+        now = self.now
+        grid, recorder, number, start = now.grid, now.recorder, now.number + 1, now.end
+        checked, t1 = self.held.checked(inputs), grid(number)
         if number >= recorder.grid.planned:
             recorder.plan(number, grid(np.arange(number, number + _ROWS)), last=False)
         self._settled = False
         self.held.set(checked)
-        self.held.begin(mark.t, t1)
-        self._inputs.next(number, mark.t, t1)
+        self.held.begin(now.mark.t, t1)
+        self._inputs.next(number, now.mark.t, t1)
         self._stepper.advance(np.array([t1]), number, recorder)
         self.held.arrive()
         mark, end = recorder.end, None
         if start is not None:
             arrays = self._loop.state.arrays_of(mark.state)
             end = Instant(self._prepared.forcing, t1, self._dt, arrays, start=start)
-        inputs = self.held.values
-        self.now = _Present(grid, recorder, before, number, mark, inputs, start, end)
+        values = self.held.values
+        self.now = _Present(grid, recorder, now.before, number, mark, values, start, end)
         if number % full_turns.STEPS == 0:
             self._stepper.count_turns(recorder)
             self.now = self.now._replace(mark=recorder.end)

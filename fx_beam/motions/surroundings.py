@@ -16,8 +16,8 @@ from fx_beam.scene.scene import Scene
 _log = logging.getLogger("fx_beam")
 
 
-# `array_calls` is what a worker of a sweep knows of the functions of its scenes, while it calls one
-# of the user.
+# `array_calls`: which functions of scenes accept arrays, as a worker of a sweep knows; set while it
+# calls the user's function.
 _THREAD = threading.local()
 
 

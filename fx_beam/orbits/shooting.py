@@ -186,12 +186,10 @@ class Shooting:
         """Positions and rates at the starts of all sub-steps of the last run."""
         return self.variables.rows(self.tape.states(np.arange(len(self.tape))), ())
 
-    def _advance(self, state: State, times: np.ndarray, recorder: Recorder | None = None) -> State:
+    def _advance(self, state: State, times: np.ndarray) -> State:
         """The state after steps, which are on the tape."""
         self.tape.clear()
-        if recorder is None:
-            recorder = Recorder(self.model, times, _NOTHING)
-            recorder.begin(state)
+        recorder = Recorder(self.model, times, _NOTHING)
         self.tape.last = _advanced(self.prepared, state, times, recorder)
         return self.tape.last
 

@@ -43,12 +43,12 @@ class Checkpoint(NamedTuple):
             steps.parts,
             steps.part,
         )
-        record.tape, rows.increments = rows, address_of(ffi, self.increments)
+        record.tape, rows.increments = rows, pointer_to(ffi, self.increments)
         inputs = steps.inputs.in_c(ffi)
         problem.library.fx_repeat(p, steps.number, p.work.state.t, steps.dt, inputs, record)
 
 
-def address_of(ffi: Any, increments: np.ndarray | None) -> Any:
+def pointer_to(ffi: Any, increments: np.ndarray | None) -> Any:
     """Where C writes or reads increments; 0 for none."""
     return ffi.NULL if increments is None else ffi.cast("double *", increments.ctypes.data)
 

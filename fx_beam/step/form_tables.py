@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -162,17 +162,16 @@ class FormTables:
             for name, rows in pairs.items()
         }
 
-    def move(self, coordinates: np.ndarray, block: Any) -> None:
-        """Set coordinates of cells in a block."""
+    def move(self, coordinates: np.ndarray, view: Callable = lambda blocks: blocks) -> None:
+        """Set coordinates of cells, here or in the `view` of a block."""
         for cells, blocks in self._coordinates:
-            block.view(blocks)[...] = self._in_plane(coordinates[cells])
+            view(blocks)[...] = self._in_plane(coordinates[cells])
 
     def set_numbers(self, coordinates: np.ndarray | None, numbers: Mapping[str, Any]) -> None:
         """Set the numbers of a scene; coordinates of cells only if given."""
         if coordinates is not None:
             self._coordinates_of_cells = coordinates  # also of forms that are added later
-            for cells, blocks in self._coordinates:
-                blocks[...] = self._in_plane(coordinates[cells])
+            self.move(coordinates)
         for factor in self._factors:
             factor[...] = 1.0
         flat = {name: floats(values).ravel() for name, values in numbers.items()}

@@ -131,8 +131,8 @@ class SingleInputs:
         for i, x in enumerate(model.forms.parameters.functions):
             places.append((x, "parameters", (none, none, i), level_and_end))
         places += [(x, "natural", (none, at.start), ends) for at, x in data.natural.functions]
-        #: Inputs of a motion, their arrays and places in these, and the parts of the step that have
-        #: passed there.
+        #: Inputs of a motion, each with the array of `StepInputs` that has its values, their place
+        #: in it, and the parts of a step that have passed at them.
         self._live = [(x, *others) for x, *others in places if isinstance(x, InputSignal)]
         #: Whether other functions change in time.
         self._varies = any(not (x.is_constant or isinstance(x, InputSignal)) for x, *_ in places)

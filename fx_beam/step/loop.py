@@ -69,7 +69,7 @@ class CompiledLoop:
     def take(self, steps: Steps, recorder: Rows) -> int:
         """Take steps or parts of equal length from the state in C; number of successful ones.
 
-        If their length is controlled, the last one is the first whose error asks for another.
+        With a control they end behind the first step whose error asks for another length.
         """
         p, inputs, problem = self.problem.c, steps.inputs, self.problem
         number, t = inputs.steps, p.work.state.t

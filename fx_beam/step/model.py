@@ -147,7 +147,7 @@ class Model:
             forms.set_numbers(self.data.forms)
         #: The structure of the scene.
         self.structure = Structure(scene)
-        #: Facts of the structure by the functions that give them, which runs of a program share.
+        #: Facts of the structure by what gives them; runs of a program share them.
         self.facts: dict[Callable, Any] = {}
         #: What fits rates (`rate_fit`), made when it is first asked for.
         self.rate_fit: Any = None

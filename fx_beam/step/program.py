@@ -55,14 +55,14 @@ class Program:
 
     def _add(self, model: Model, kind: Any) -> tuple[Problem, BlockPlan]:
         pattern = shallow_copy(self.model)
-        pattern.scene = model.scene  # the first one may have more by now
+        pattern.scene = model.scene  # to the first scene something may have been added since
         problem = Problem(pattern, kind)
-        entry = problem, BlockPlan(problem.ffi, *problem.memory, outer=self.plan)
-        entry[1].places = problem.places(entry[1])
+        plan = BlockPlan(problem.ffi, *problem.memory, outer=self.plan)
+        plan.places = problem.places(plan)
         if len(self._problems) >= _MOST:
             del self._problems[next(iter(self._problems))]
-        self._problems[kind] = entry
-        return entry
+        self._problems[kind] = problem, plan
+        return problem, plan
 
 
 class Programs:

@@ -38,9 +38,9 @@ class StateVector:
         past = {"ages": C.PAST + 1, "past": C.PAST * (n + unknowns)}
         errors = {"ages": C.PAST + 1, "past": C.PAST * n, "last": (C.AVERAGED - 1) * n}
         all_sizes = sizes | past | {f"error_{name}": size for name, size in errors.items()}
-        #: The memory, which C copies before a step with sub-steps, and where its arrays are in it.
         memory = aligned_zeros(sum(all_sizes.values()))
         ends = itertools.pairwise(itertools.accumulate(all_sizes.values(), initial=0))
+        #: Where its arrays are in the memory, which C copies before a step with sub-steps.
         self.places = dict(zip(all_sizes, itertools.starmap(slice, ends), strict=True))
         arrays = self._begin_in(model, c, ffi, memory)
         self._ages[0][:] = self._ages[1][:] = 1.0
@@ -50,8 +50,6 @@ class StateVector:
             for name, array in self.arrays.items()
             if array.size
         }
-        self._first = sum(array.size for array in self._blank.values())
-        self._begin = self.memory[: self._first]
         # Names of those that states have: before the first step, and after it without and with the
         # forces of joints and obstacles, which only steps that are recorded compute.
         names = [name for name in ARRAYS if name in self._blank or ARRAYS[name].required]
@@ -80,6 +78,7 @@ class StateVector:
             name: arrays[name] if len(shape) == 1 else arrays[name].reshape(shape)
             for name, shape in self.shapes.items()
         }
+        self._of_state = memory[: self.places["driven_now"].start]
         self._driven = arrays["driven_now"]
         self._ages = arrays["ages"], arrays["error_ages"]
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.
@@ -94,7 +93,6 @@ class StateVector:
         """The state of a run, in its memory, which is as it was here at first."""
         other = shallow_copy(self)
         other._begin_in(model, c, ffi, memory)
-        other._begin = memory[: self._first]
         return other
 
     def load(self, state: State) -> None:
@@ -104,7 +102,7 @@ class StateVector:
             zeros if (array := values[name]) is None else array
             for name, zeros in self._blank.items()
         ]
-        np.concatenate(arrays, axis=None, out=self._begin)
+        np.concatenate(arrays, axis=None, out=self._of_state)
         if p.tables.scheme.keeps_previous and state.q_previous is None:
             self.arrays["q_previous"][:] = state.q
         if len(state.motors):

@@ -123,7 +123,7 @@ class Problem:
         self.storage = storage = TangentStorage(model, kind)
         begin_to_build(storage.features)  # beside what is compiled for the elements
         self.ffi = declared("problem.h", MACROS)
-        #: Constants of problem.h.
+        #: Constants of these headers.
         self.constants = self.ffi.dlopen(None)
         #: Sets members of structs.
         self.structs = Structs(self.ffi)
@@ -200,9 +200,8 @@ class Problem:
 
     def places(self, plan: BlockPlan) -> dict[str, tuple[np.ndarray, np.ndarray]] | None:
         """Places in a block of the data of beams by name, if each has one of its own."""
-        return (
-            None if self.tables is None or not self.tables.is_placed else self.tables.places(plan)
-        )
+        tables = self.tables
+        return tables.places(plan) if tables is not None and tables.is_placed else None
 
     def in_block(self, block: Block, model: Model) -> Problem:
         """The problem of a run, with the numbers of its model, by the pattern that this is."""
@@ -212,11 +211,8 @@ class Problem:
         other.storage = shallow_copy(self.storage)
         other.storage.model = model
         other.storage.sparse_factors = view(self.storage.sparse_factors)
-        if changing := c.work.factors.changing:
-            free = self.library.fx_free_rows
-            other.storage._rows = self.ffi.gc(
-                changing, lambda rows, _=c: free(rows)
-            )  # it is in `c`
+        if c.work.factors.changing:
+            other.storage.free_rows_with(other, owner=c)
         other.scratch, other.sides = view(self.scratch), view(self.sides)
         other.inverted_q = view(self.inverted_q)
         other.state = self.state.in_block(model, c, self.ffi, view(self.state.memory))
@@ -244,7 +240,7 @@ class Problem:
             self.tables.set_numbers(coordinates, numbers)
             return
         if coordinates is not None:
-            pattern.move(coordinates, block)
+            pattern.move(coordinates, block.view)
         memory = block.memory[: block.plan.copied].view(np.float64)
         for name, values in numbers.items():
             if (pair := places.get(name)) is not None:
@@ -344,7 +340,7 @@ class Problem:
 
 
 def _points(storage: TangentStorage) -> dict[str, dict[str, object]]:
-    """Forces at points, and parameters, by the names in c/problem.h."""
+    """Forces at points, and parameters, by the names in c/tables.h, numbers.h and work.h."""
     model, points, stored_at = storage.model, storage.model.points, storage.stored_at
     point_members: dict[str, object] = {"spring_width": points.width}
     point_members["friction_follows"] = len(points.followed) > 0

@@ -197,9 +197,12 @@ class TangentStorage:
         problem.set(work={"factors": {"changing": [row]}})
         own = problem.c.work.factors
         own.rows = problem.ffi.addressof(own.changing[0], "elimination", "rows")
-        # Freed with this object, before what it points to: C allocates as much as the rows need.
-        free, owner = problem.library.fx_free_rows, problem.structs
-        self._rows = problem.ffi.gc(own.changing, lambda rows, owner=owner: free(rows))
+        self.free_rows_with(problem, owner=problem.structs)
+
+    def free_rows_with(self, problem: Any, owner: Any) -> None:
+        """Free what C allocates for the rows with this object, before what the `owner` keeps."""
+        free, rows = problem.library.fx_free_rows, problem.c.work.factors.changing
+        self._rows = problem.ffi.gc(rows, lambda rows, owner=owner: free(rows))
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction, order = self.model.reduction, np.arange(len(indptr) - 1)

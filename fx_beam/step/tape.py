@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.dual import floats
 from fx_beam.results.state import State
 
-from .checkpoints import Checkpoints, address_of
+from .checkpoints import Checkpoints, pointer_to
 from .forcing import LoadForcing
 from .model import Model
 from .step_inputs import TakenSteps
@@ -102,7 +102,7 @@ class Tape:
         if increments is None:
             return self.problem.ffi.NULL
         self.c.row, self.c.rows = self.problem.ffi.NULL, 0
-        self.c.increments = address_of(self.problem.ffi, increments)
+        self.c.increments = pointer_to(self.problem.ffi, increments)
         return self.c
 
     def end(self, count: int) -> None:
