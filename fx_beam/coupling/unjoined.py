@@ -20,8 +20,6 @@ _NAMED = 3
 
 def warn_of_unjoined(scene: Scene, mesh: Mesh) -> None:
     """Warn of beams that end on another one without a joint, a contact or a line between them."""
-    if len(scene.beams) < 2:
-        return
     parts, held = _connected(scene, len(mesh.X))
     ends = np.unique([nodes[i] for nodes in mesh.nodes for i in (0, -1)])
     ends = np.setdiff1d(ends, held)

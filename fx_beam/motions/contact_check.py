@@ -51,7 +51,8 @@ def warn_of_places(
     """Warn of contact where its forces say little."""
     _warn_of_depth(solution)
     _warn_of_bumps(solution)
-    if not solution.stats.static:
+    has_all_steps = len(solution.t) == solution.stats.steps + 1 > 2
+    if has_all_steps and not solution.stats.static:
         _warn_of_short_impacts(solution, joints)
         _warn_of_hits_at_once(solution)
         _warn_of_soft_landings(solution)
@@ -223,9 +224,9 @@ def _through(arms: np.ndarray, distances: np.ndarray, reach: np.ndarray) -> np.n
 def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
     """Warn of the restitution whose impacts take the fewest steps, if these are too few.
 
-    Where steps have a length of their own, and each has a row.
+    Where there are at least three steps.
     """
-    if len(solution.t) < 4 or len(solution.t) != solution.stats.steps + 1:
+    if len(solution.t) < 4:
         return
     short_impacts: list[tuple[int, float, str, Contact | Stop]] = []
     for owner, law, gap in _with_losses(solution, joints):
@@ -249,12 +250,7 @@ def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
 
 
 def _warn_of_hits_at_once(solution: Solution) -> None:
-    """Warn of a body with two impacts of few steps at once: it shares momentum wrongly.
-
-    Where each step has a row.
-    """
-    if len(solution.t) < 3 or len(solution.t) != solution.stats.steps + 1:
-        return
+    """Warn of a body with two impacts of few steps at once: it shares momentum wrongly."""
     body_of = {n.number: body.name for body in solution.bodies.values() for n in body.nodes}
     of_body: dict[object, list[Contact]] = {}
     for contact in solution.contacts:
@@ -285,10 +281,8 @@ def _warn_of_hits_at_once(solution: Solution) -> None:
 def _warn_of_soft_landings(solution: Solution) -> None:
     """Warn of plastic impacts that stick on a bristle which is not far stiffer than the contact.
 
-    Where each step has a row, with forces.
+    Where rows have forces.
     """
-    if len(solution.t) < 3 or len(solution.t) != solution.stats.steps + 1:
-        return
     for obstacle in solution.contacts:
         friction, stiffness = obstacle.friction, obstacle.stiffness
         if friction is None or obstacle.restitution > _PLASTIC or isinstance(obstacle.shape, Beam):

@@ -15,8 +15,6 @@ from .joints import Joint, JointKey, NodalMotion, moved_by
 from .removal import joint_of
 from .sliders import SlidingJoint
 
-_DRIVEN = "'rotation' or 'slide'"
-
 
 class GearTerm(NamedTuple):
     """A coordinate of a joint in the relation of a gear, with its weight."""
@@ -98,11 +96,10 @@ class Gear:
     value: float = real(default=0.0)
 
     def __post_init__(self):
-        require(self.driven in ("rotation", "slide"), "Gear: driven", self.driven, _DRIVEN)
+        known = is_one_of(self.driven, ("rotation", "slide"))
+        require(known, "Gear: driven", self.driven, "'rotation' or 'slide'")
         name = self._kind
         check_fields(self, name)
-        kinds = ("rotation", "slide")
-        require(is_one_of(self.driven, kinds), f"{name}: driven", self.driven, f"one of {kinds}")
         for joint, coordinate in ((self.joint_a, "rotation"), (self.joint_b, self.driven)):
             ok = isinstance(joint, Joint) and not isinstance(joint, SlidingJoint)
             ok = ok and getattr(joint, coordinate) is not None
