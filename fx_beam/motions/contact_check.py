@@ -222,10 +222,7 @@ def _through(arms: np.ndarray, distances: np.ndarray, reach: np.ndarray) -> np.n
 
 
 def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
-    """Warn of the restitution whose impacts take the fewest steps, if these are too few.
-
-    Where there are at least three steps.
-    """
+    """Warn of the restitution whose impacts take the fewest steps, if these are too few."""
     if len(solution.t) < 4:
         return
     short_impacts: list[tuple[int, float, str, Contact | Stop]] = []
@@ -258,9 +255,11 @@ def _warn_of_hits_at_once(solution: Solution) -> None:
         ends = (contact.target, carrier) if isinstance(contact.target, Node) else ()
         for node in filter(None, ends):
             of_body.setdefault(body_of.get(node.number, node.number), []).append(contact)
+    if max(map(len, of_body.values()), default=0) < 2:
+        return
     gaps = {c.number: solution.contact(c).gap[:, 0] for cs in of_body.values() for c in cs}
     steps = {number: _steps_of_touch(gap) for number, gap in gaps.items()}
-    fastest = max((-np.diff(gap).min() for gap in gaps.values()), default=0.0)
+    fastest = max(-np.diff(gap).min() for gap in gaps.values())
     for contacts in of_body.values():
         for a, b in itertools.combinations(contacts, 2):
             both = (steps[a.number] > 0) & (steps[b.number] > 0)
