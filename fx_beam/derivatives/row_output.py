@@ -12,7 +12,7 @@ from fx_beam.motions.numbers import OF_OUTPUT
 from fx_beam.results.state import HISTORIES
 from fx_beam.scene.beam import BeamPlace, Node
 from fx_beam.scene.measured import Measured, numbers_of
-from fx_beam.scene.outputs import Output, is_section_force
+from fx_beam.scene.outputs import STRESSES, Output, is_section_force, section_weights
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.sub_step_times import Steps
@@ -39,6 +39,8 @@ def numbers_of_outputs(
             start, end = place.beam.s[element : element + 2]
             part, length = (place.s - start) / (end - start), end - start
             values = dual_array([part, length] if is_section_force(output) else [part])
+            if output.quantity in STRESSES:
+                values = dual_array([part, length, *section_weights(outputs[name])])
         else:
             values = numbers_of(outputs[name])
         if values.size:

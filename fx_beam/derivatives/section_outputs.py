@@ -30,6 +30,8 @@ from .row_output import Needs, Places, RowOutput, numbers_of_output
 # Numbers of a section force: masses (points,) at Gauss points of its element, directions (2,) at
 # its ends, and dead loads (sub-steps + 1, width) on it, the last at the start.
 _MASSES, _DIRECTIONS, _DEAD = "masses", "directions", "dead loads"
+# Components of N, Q and M that an output of a section has.
+_COMPONENTS = {"N": [0], "Q": [1], "M": [2], "stress": [0, 2], "shear_stress": [1]}
 # Step of differences of polynomials of the fourth degree, which are exact.
 _STEP = 1e-2
 
@@ -107,10 +109,9 @@ def _shares(component: int, degree: int, x: float, h: float) -> np.ndarray:
 
 
 class _Element(NamedTuple):
-    """The element of a section force: its number, and that of N, Q or M."""
+    """The element of an output of a section."""
 
     cell: int
-    component: int
     #: Degrees of freedom (width,) of its nodes, and of the rotations (2,) at its ends.
     dofs: np.ndarray
     turns: np.ndarray
@@ -123,11 +124,11 @@ class _Element(NamedTuple):
         cell, mesh = _cell(model, measured.place), model.mesh
         dofs, ends = mesh.unknowns.dofs[cell], mesh.dofs[mesh.elements[cell, [0, -1]]]
         end_places = np.argsort(dofs)[np.searchsorted(np.sort(dofs), ends)]
-        return cls(cell, "NQM".index(measured.name), dofs, ends[:, 2], end_places)
+        return cls(cell, dofs, ends[:, 2], end_places)
 
 
 class SectionOutput(RowOutput):
-    """N, Q or M at a place at the rows (n,) of a run."""
+    """N, Q or M at a place, or a stress as their sum, at the rows (n,) of a run."""
 
     record = "rates"
 
@@ -137,6 +138,8 @@ class SectionOutput(RowOutput):
         assert model.forms.beams is not None
         self._beams = model.forms.beams
         self._element = _Element.of(model, measured)
+        #: Components of N, Q and M in it.
+        self._components = _COMPONENTS[measured.name]
         self._rows, self._steps, self._shares = places.means()
         self._read(places.numbers)
 
@@ -150,15 +153,16 @@ class SectionOutput(RowOutput):
         element, places = self._element, self._places
         model, count, degree = self._sub_steps.model, len(places.ends), self._beams.kind.degree
         masses, dead = numbers[self._number(_MASSES)], numbers[self._number(_DEAD)]
-        forces, turns, gauss = (np.zeros((count, size)) for size in (len(element.dofs), 2, degree))
+        forces, turns = (np.zeros((count, size)) for size in (len(element.dofs), 2))
+        gauss = np.zeros((count, degree, 3))
         for group, parts in self._batches(np.arange(len(self._steps))):
             rows, share = self._rows[group], self._shares[group, None]
             node_forces = self._beams.forces_of_cells(parts)[:, element.cell]
             np.add.at(forces, rows, share * (node_forces - dead[self._steps[group]]))
             level = parts.q + model.scheme.rates.level * parts.D
             np.add.at(turns, rows, share * level[:, element.turns])
-            points = self._beams.resultants(parts)[:, element.cell, :, element.component]
-            np.add.at(gauss, rows, share * points)
+            points = self._beams.resultants(parts)[:, element.cell]
+            np.add.at(gauss, rows, share[..., None] * points)
         mass = None
         if not model.scheme.rates.at_rest:
             a = self._accelerations(numbers)
@@ -166,31 +170,43 @@ class SectionOutput(RowOutput):
             forces += a @ mass
         signs, angles = np.array([[-1.0], [1.0]]), numbers[self._number(_DIRECTIONS)] + turns
         ends = components(signs * forces[:, element.end_places], angles)
-        (x, h), values = (
-            numbers[numbers_of_output(self._name)],
-            np.hstack([ends.reshape(-1, 6), gauss]),
-        )
+        x, h, *weights = numbers[numbers_of_output(self._name)]
+        if not weights:  # of N, Q or M itself
+            weights = np.eye(3)[self._components[0]]
+        values = [np.hstack([ends.reshape(-1, 6), gauss[..., k]]) for k in self._components]
+
+        def all_shares(x: float, h: float) -> list[np.ndarray]:
+            return [_shares(k, degree, x, h) for k in self._components]
 
         def slope(change: np.ndarray) -> np.ndarray:
             """Along a change of x and h: shares are polynomials of the fourth degree at most."""
-            points = [(x, h) + k * change for k in (-2, -1, 1, 2)]
-            shares = np.array([_shares(element.component, degree, *point) for point in points])
-            return values @ shares.T @ np.array([1.0, -8.0, 8.0, -1.0]) / 12
+            points = zip(*(all_shares(*((x, h) + k * change)) for k in (-2, -1, 1, 2)), strict=True)
+            parts = zip(self._components, values, points, strict=True)
+            differences = np.array([1.0, -8.0, 8.0, -1.0]) / 12
+            return sum(weights[k] * (v @ np.array(p).T @ differences) for k, v, p in parts)
 
         steps = np.diag([_STEP, _STEP * h])
-        place_slopes = np.stack([slope(step) for step in steps], axis=1) / np.diag(steps)
-        shares = _shares(element.component, degree, x, h)
-        end_shares = shares[:6].reshape(2, 3)
+        number_slopes = np.zeros((count, len(numbers[numbers_of_output(self._name)])))
+        number_slopes[:, :2] = np.stack([slope(step) for step in steps], axis=1) / np.diag(steps)
+        shares, own = np.zeros(6), np.zeros((degree, 3))
+        for k, component_values, component_shares in zip(
+            self._components, values, all_shares(x, h), strict=True
+        ):
+            shares += weights[k] * component_shares[:6]
+            own[:, k] = weights[k] * component_shares[6:]
+            if number_slopes.shape[1] > 2:
+                number_slopes[:, 2 + k] = component_values @ component_shares
+        end_shares = shares.reshape(2, 3)
         angle_slopes = end_shares[:, 0] * ends[..., 1] - end_shares[:, 1] * ends[..., 0]
         c, s, (N, Q, M) = np.cos(angles), np.sin(angles), end_shares.T
         end_slopes = np.stack([c * N - s * Q, s * N + c * Q, np.broadcast_to(M, c.shape)], axis=-1)
         #: Derivatives by forces (n, width) on the nodes, angles (n, 2) at the ends, and values
-        #: (degree,) at the Gauss points; blocks of those that are no sums over sub-steps.
+        #: (degree, 3) at the Gauss points; blocks of those that are no sums over sub-steps.
         self._force_slopes, self._angle_slopes = np.zeros_like(forces), angle_slopes
-        self._gauss_slopes = shares[6:]
+        self._gauss_slopes = own
         self._force_slopes[:, element.end_places] = signs * end_slopes
         every = np.arange(count)
-        self._row_blocks = [of_rows(numbers_of_output(self._name), every, place_slopes)]
+        self._row_blocks = [of_rows(numbers_of_output(self._name), every, number_slopes)]
         self._row_blocks.append(of_rows(self._number(_DIRECTIONS), every, angle_slopes))
         if mass is not None:
             point_slopes = np.einsum("nw,pwv->npv", self._force_slopes, masses_of_points(degree))
@@ -235,10 +251,12 @@ class SectionOutput(RowOutput):
         model, weights = sub_steps.model, shares * self._force_slopes[rows]
         beams = BeamSlopes(self._beams)
         by_name = beams.forces(parts, sub_steps.has_places, weights, element.cell)
-        if self._gauss_slopes.any():
-            blocks = beams.resultants(parts, sub_steps.has_places, element.component)
+        for k in self._components:
+            if not self._gauss_slopes[:, k].any():
+                continue
+            blocks = beams.resultants(parts, sub_steps.has_places, k)
             for name, entries, point_values in blocks:
-                values = self._gauss_slopes @ point_values[:, element.cell]
+                values = self._gauss_slopes[:, k] @ point_values[:, element.cell]
                 block = Block(name, entries[element.cell], rows, shares * values)
                 yield from sub_steps.in_steps(steps, [block])
         for name, factor in (("increment", model.scheme.rates.level), ("start", 1.0)):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.scene.outputs import Output
+from fx_beam.scene.outputs import Output, section_value
 from fx_beam.step.model import Model
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.row_steps import RowSteps
@@ -36,8 +36,8 @@ class RowBalance:
         def read() -> float:
             self._renew()
             gauss = self._gauss[:, cells].reshape(1, -1, 3)
-            forces = self._balance.of_beam(number).at(gauss, place.s, "after")
-            return float(getattr(forces, output.quantity)[0, 0])
+            _, *forces = self._balance.of_beam(number).at(gauss, place.s, "after")
+            return float(section_value(output, *(force[0, 0] for force in forces)))
 
         return read
 

@@ -103,7 +103,7 @@ def animate(
     scenery : callable, optional
         ``scenery(axes, k)`` draws additional objects in row k, such as a user-defined force. What
         it adds to the axes is removed after the frame, and so is a list of artists that it returns.
-    colour : {"N", "Q", "M", "strain energy", "speed"} or internal variable, optional
+    colour : {"N", "Q", "M", "stress", "strain energy", "speed"} or internal variable, optional
         Quantity that the colours show, as in `shapes`; by default each member has its own colour.
     colour_limits, colour_scale, thickness : optional
         Ends and kind of the colour scale, and factor on the depth of members, as in `shapes`.

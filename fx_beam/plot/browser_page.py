@@ -18,6 +18,7 @@ from fx_beam.results.files import of_numpy, replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, arc_lengths
 from fx_beam.scene.ground_springs import GroundSpring
+from fx_beam.scene.section import has_stresses
 
 from .drawing import Drawing, axis, checked_drawing, line_between, time_unit, title
 from .members import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
@@ -202,7 +203,10 @@ def _members(drawing: Drawing) -> dict[str, object]:
 def _known(solution: Solution) -> list[str]:
     """Quantities along the members that the solution has."""
     names = [*RESULTANTS]
-    if all(beam.section is not None for beam in solution.beams.values()):
+    sections = [beam.section for beam in solution.beams.values()]
+    if all(has_stresses(section) for section in sections):
+        names.append("stress")
+    if all(section is not None for section in sections):
         names.append("strain energy")
     if solution.has_rates and not solution.stats.static:
         names.append("speed")

@@ -33,6 +33,7 @@ WORDS = {
     "N": "axial force $N$",
     "Q": "shear force $Q$",
     "M": "bending moment $M$",
+    "stress": "largest normal stress",
     "strain energy": "strain energy per length",
     "speed": "speed",
 }

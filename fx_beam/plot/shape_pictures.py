@@ -77,10 +77,11 @@ def shapes(
     marks : dict, optional
         Nodes by the names that are written beside them in the first shape.
     colour : str, optional
-        "N", "Q", "M", "strain energy", "speed", or the name of an internal variable:
+        "N", "Q", "M", "stress", "strain energy", "speed", or the name of an internal variable:
         quantity that the colours show instead of the time: axial force, shear force or bending
-        moment, as in `Solution.resultants`, stored energy per length, or speed. Its unit is given
-        if the unit of length is "m".
+        moment, as in `Solution.resultants`, the larger normal stress of both edges, as
+        `BeamStress.largest`, stored energy per length, or speed. Its unit is given if the unit of
+        length is "m".
     colour_limits : (float, float), optional
         Values at the ends of the colour scale; by default those that occur. On a log scale the
         smallest and the largest size.

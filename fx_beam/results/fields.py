@@ -14,11 +14,15 @@ from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
 
 from .records import BeamResultants
+from .stresses import largest_stress
 
 RESULTANTS = ("N", "Q", "M")
 _STIFFNESSES = ("EA", "GA", "EI")
 #: What can be had along a member, and its unit.
-QUANTITIES = {"N": "N", "Q": "N", "M": "N m", "strain energy": "J/m", "speed": "m/s"}
+QUANTITIES = {
+    **{"N": "N", "Q": "N", "M": "N m", "stress": "Pa"},
+    **{"strain energy": "J/m", "speed": "m/s"},
+}
 
 
 def at_ends(values: np.ndarray) -> np.ndarray:
@@ -38,6 +42,7 @@ def _through(values: np.ndarray, points: np.ndarray) -> np.ndarray:
 def along_all(solution, quantity: str, rows, points: np.ndarray) -> np.ndarray:
     """Values (rows, elements, points) of a quantity or internal variable, at points in [0, 1].
 
+    The stress is the larger one of both edges.
     N, Q and M follow from the balance of elements, where that is known. Others, but for the speed,
     are polynomials through the values at the Gauss points, and may jump.
     """
@@ -46,6 +51,15 @@ def along_all(solution, quantity: str, rows, points: np.ndarray) -> np.ndarray:
         with suppress(ValueError):  # the balance is not known
             resultants = (in_rows(solution.resultants(name), rows) for name in solution.beams)
             return np.concatenate([r.in_elements(quantity, points) for r in resultants], axis=1)
+    if quantity == "stress":
+        N, M = (along_all(solution, name, rows, points) for name in "NM")
+        end, values = 0, np.empty_like(N)
+        for beam in solution.beams.values():
+            cells = slice(end, end := end + beam.elements)
+            s = arc_lengths(beam, points)
+            forces = (force[:, cells].reshape(len(N), -1) for force in (N, M))
+            values[:, cells] = largest_stress(beam, s.ravel(), *forces).reshape(N[:, cells].shape)
+        return values
     if quantity == "speed":
         nodes = nodes_of_elements(solution)
         values = lagrange(np.linspace(0, 1, nodes.shape[1]), points)

@@ -27,6 +27,7 @@ from fx_beam.scene.outputs import (
     is_gear,
     is_section_force,
     quantity_of,
+    section_value,
 )
 from fx_beam.scene.scene import Scene
 
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
     from . import export, joined, paraview
     from .joint_and_contact_motion import ContactMotion, GearMotion, JointMotion, PullMotion
+    from .stresses import BeamStress
 
 # What is set when it is first read.
 _LATER = {*HISTORIES, "energy", "end"}
@@ -595,6 +597,42 @@ class Solution:
             return replace(resultants, balance=later)
         return resultants
 
+    def stress(self, beam: Beam | str) -> BeamStress:
+        """Normal and shear stresses along a beam over time, at the edges of its sections.
+
+        Parameters
+        ----------
+        beam : Beam or str
+            A beam or its name.
+
+        Returns
+        -------
+        BeamStress
+            Stresses at the arc lengths s of `resultants`, and at any places.
+
+        Raises
+        ------
+        SceneError
+            If its section has no sizes, or a strain energy of its own.
+        ValueError
+            As of `resultants`.
+
+        Examples
+        --------
+        >>> import fx_beam as fb
+        >>> scene, bar = fb.Scene(), fb.Section.rectangle(0.2, 0.1, **fb.materials.steel)
+        >>> beam = scene.add_beam([(0, 0), (2, 0)], bar)
+        >>> scene.clamp(beam.start)
+        >>> load = scene.add_force(beam.end, (0.0, -1e3))
+        >>> stress = fb.static(scene, linear=True).stress(beam).at(0.0)
+        >>> stress.upper[-1].round(), stress.shear[-1].round()
+        (array([3000000.]), array([-60000.]))
+        """
+        from .stresses import BeamStress
+
+        resultants = self.resultants(beam)
+        return BeamStress(self.beams[_beam_name(self, beam)], resultants, resultants.s)
+
     def internal(self, beam: Beam | str, variable: str | None = None) -> np.ndarray:
         """An internal variable along a beam over time.
 
@@ -665,7 +703,8 @@ class Solution:
         if isinstance(place, Beam):
             return getattr(self.resultants(place), name)
         if is_section_force(output):
-            return getattr(self.resultants(place.beam).at(place.s), name)[:, 0]
+            forces = self.resultants(place.beam).at(place.s)
+            return section_value(output, forces.N[:, 0], forces.Q[:, 0], forces.M[:, 0])
         if isinstance(place, BeamPlace):
             _beam_name(self, place.beam)
             from .joint_and_contact_motion import measured_in, values_in

@@ -23,8 +23,9 @@ _SHORTLY = 1e-3
 # UFL's names of comparisons of two numbers, which conditions consist of.
 _COMPARISONS = {"EQ", "GE", "GT", "LE", "LT", "NE"}
 # What pictures and files have along members besides internal variables.
-_OF_MEMBERS = {"N", "Q", "M", "strain energy", "speed", "velocity", "displacement", "rotation"}
-_OF_MEMBERS |= {"spin", "beam", "natural axial strain", "natural shear strain", "natural curvature"}
+_OF_MEMBERS = {"N", "Q", "M", "stress", "strain energy", "speed", "velocity", "displacement"}
+_OF_MEMBERS |= {"rotation", "spin", "beam"}
+_OF_MEMBERS |= {"natural axial strain", "natural shear strain", "natural curvature"}
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
+from fx_beam.dual import MaybeDual, floats
 from fx_beam.errors import is_one_of, require
 
 from .beam import Beam, BeamPlace, Node
@@ -15,6 +18,7 @@ from .joints import Joint
 from .loads import check_node
 from .removal import own_joint
 from .scene import Scene
+from .section import stress_weights
 from .sliders import SlidingJoint
 
 if TYPE_CHECKING:
@@ -60,9 +64,13 @@ OF_NODES: dict[str, Quantity] = {
 }
 SECTION_FORCES = "section_forces"
 _RESULTANTS = {"N": "N", "Q": "N", "M": "N m"}
+#: Quantities of places that are sums of N, Q and M.
+STRESSES = "stress", "shear_stress"
+EDGES = "lower", "upper"
 OF_PLACES = {
     name: OF_NODES[name] for name in ("position", "displacement", "rotation", "velocity", "spin")
 } | {name: Quantity(unit, of=SECTION_FORCES) for name, unit in _RESULTANTS.items()}
+OF_PLACES |= {name: Quantity("Pa", of=SECTION_FORCES) for name in STRESSES}
 OF_JOINTS: dict[str, Quantity] = {
     "angle": Quantity("rad", of="q", column=2),
     "slide": Quantity("m", of="slides"),
@@ -112,8 +120,9 @@ class Output:
     - of a node: "position" [m], "displacement" [m], "rotation" [rad], "velocity" [m/s], "spin"
       [rad/s], "acceleration" [m/s^2], "reaction" [N, N m]
     - of any place of a beam, ``beam.at(s)``: the first five of a node, and section forces "N" [N],
-      "Q" [N], "M" [N m] from the balance of its element, as `BeamResultants.at` has them: for
-      solutions and responses, and for motions that record each step, also in `until`
+      "Q" [N], "M" [N m] from the balance of its element, as `BeamResultants.at` has them, with
+      "stress" [Pa] at an edge and "shear_stress" [Pa], as `BeamStress` has them: for solutions and
+      responses, and for motions that record each step, also in `until`
     - of a joint: "angle" [rad], "slide" [m], "spin" [rad/s], "rate" [m/s or rad/s], "force" [N, N
       m], "motor_force" [N or N m]
     - of a rope, a force between points or a spring to the ground: "length" [m or rad] and its
@@ -142,6 +151,8 @@ class Output:
         Where it is measured.
     component : {"x", "y", "moment"}, optional
         One component of a quantity that has several; by default all of them.
+    edge : {"lower", "upper"}, optional
+        Of a "stress": the edge of the section.
 
     Raises
     ------
@@ -161,6 +172,7 @@ class Output:
     quantity: str
     of: Node | BeamPlace | Joint | ForceBetween | Contact | Gear | Scene | Beam
     component: str | None = None
+    edge: str | None = None
 
     def __post_init__(self):
         ok = isinstance(self.of, (*_OF_CLASSES,)) or is_gear(self.of)
@@ -174,9 +186,15 @@ class Output:
         if self.component is not None and not is_one_of(self.component, parts):
             expected = f"one of {list(parts)}" if parts else "left out: it is a single number"
             require(False, f"Output: component of {self.quantity!r}", self.component, expected)
+        if self.quantity == "stress" or self.edge is not None:
+            is_stress = self.quantity == "stress"
+            expected = "'lower' or 'upper'" if is_stress else "left out: it is that of a stress"
+            ok = is_stress and is_one_of(self.edge, EDGES)
+            require(ok, f"Output: edge of {self.quantity!r}", self.edge, expected)
 
     def __str__(self):
-        return f"{self.quantity}{f'.{self.component}' if self.component else ''} of {self._place}"
+        part = self.component or self.edge
+        return f"{self.quantity}{f'.{part}' if part else ''} of {self._place}"
 
     @property
     def _place(self) -> str:
@@ -209,8 +227,9 @@ class Output:
     @property
     def label(self) -> str:
         """Name for columns of tables and axes of pictures, with the unit."""
-        name, part = self.quantity.replace("_", " "), f" {self.component}" if self.component else ""
-        return f"{name}{part} of {self._place} [{self.unit}]"
+        part = self.component or self.edge
+        name = self.quantity.replace("_", " ") + (f" {part}" if part else "")
+        return f"{name} of {self._place} [{self.unit}]"
 
     @property
     def _turns(self) -> bool:
@@ -240,6 +259,24 @@ def is_section_force(output: object) -> bool:
     if not isinstance(output, Output) or not isinstance(output.of, BeamPlace):
         return False
     return quantity_of(output).of == SECTION_FORCES
+
+
+def section_weights(output: Output) -> MaybeDual:
+    """Shares (3,) of N, Q and M in an output of a section, with slopes that they have."""
+    place = output.of
+    assert isinstance(place, BeamPlace)
+    if output.quantity not in STRESSES:
+        return np.eye(3)["NQM".index(output.quantity)]
+    fraction = min(max(place.s / place.beam.length, 0.0), 1.0)
+    return stress_weights(place.beam.section, output.quantity, output.edge, fraction)
+
+
+def section_value(output: Output, N: Any, Q: Any, M: Any) -> Any:
+    """Value of an output of a section, from its forces."""
+    if output.quantity not in STRESSES:
+        return {"N": N, "Q": Q, "M": M}[output.quantity]
+    weights = floats(section_weights(output))
+    return weights[0] * N + weights[1] * Q + weights[2] * M
 
 
 def is_gear(place: object) -> bool:

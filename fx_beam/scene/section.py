@@ -6,9 +6,9 @@ import functools
 import inspect
 import math
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,7 +36,9 @@ Datum = float | Callable[[float], float]
 
 #: Names of all data that may vary along a beam.
 DATA = "EA", "GA", "EI", "rhoA", "rhoI", "retardation"
-_MAY_BE_ZERO = "rhoA", "rhoI", "rho", "retardation"
+#: Names of the sizes from which stresses follow.
+SIZES = "A", "I", "As", "lower", "upper"
+_MAY_BE_ZERO = "rhoA", "rhoI", "rho", "retardation", "r", "slope", "toe"
 
 
 _MATERIAL = """E : float or callable
@@ -61,6 +63,7 @@ Section
 def _data_of_material(
     A: Datum,
     J: Datum,
+    edges: tuple[Datum, Datum] | None,
     E: Datum,
     nu: float = 0.3,
     rho: Datum = 0.0,
@@ -69,7 +72,7 @@ def _data_of_material(
     G: Datum | None = None,
     retardation: Datum | tuple[Datum, ...] = 0.0,
 ) -> dict:
-    """Data of a `Section` of an area and a second moment of area."""
+    """Data of a `Section` of an area, a second moment of area and edges."""
     require(-1 < as_float(nu) <= 0.5, "Section: nu", nu, "a number in (-1, 0.5]")
     if G is None:
         G = _combined(functools.partial(_shear_modulus, as_float(nu)), E=E)
@@ -80,20 +83,42 @@ def _data_of_material(
         "rhoA": _combined(_product, rho=rho, area=A),
         "rhoI": _combined(_product, rho=rho, second_moment=J),
         "retardation": retardation,
+        "A": A,
+        "I": J,
+        "As": _combined(_product, shear_factor=shear_factor, area=A),
+        "edges": edges,
     }
 
 
-def _constructor(
-    shape: Callable[..., tuple[float, float]] | None, shear_factor: float | None
-) -> Callable[[Callable], Callable[..., Section]]:
-    """A constructor from the sizes of a shape, documented by a function of them, and a material."""
+class _Shape(NamedTuple):
+    """Area, second moment of area, shear factor, and places of the edges left of the centroid."""
+
+    A: float
+    J: float
+    shear_factor: float
+    lower: float
+    upper: float
+
+
+def _constructor(shape: Callable[..., _Shape] | None) -> Callable[[Callable], Callable]:
+    """A constructor from the sizes of a shape, documented by a function of them, and a material.
+
+    Without a shape it has an area, a second moment of area, and a height or None.
+    """
 
     def made_of(documented: Callable) -> Callable[..., Section]:
         own = [*inspect.signature(documented).parameters.values()]
         material = dict(inspect.signature(_data_of_material).parameters)
-        del material["A"], material["J"]
-        material["shear_factor"] = material["shear_factor"].replace(default=shear_factor)
-        signature = inspect.Signature([*own, *material.values()], return_annotation="Section")
+        for name in ("A", "J", "edges"):
+            del material[name]
+        if shape is not None:
+            material["shear_factor"] = material["shear_factor"].replace(default=None)
+        kinds = [part.kind for part in own if part.default is not part.empty]
+        if inspect.Parameter.POSITIONAL_OR_KEYWORD in kinds:
+            by_name = inspect.Parameter.KEYWORD_ONLY
+            material = {name: part.replace(kind=by_name) for name, part in material.items()}
+        parts = sorted([*own, *material.values()], key=operator.attrgetter("kind"))
+        signature = inspect.Signature(parts, return_annotation="Section")
 
         @functools.wraps(documented)
         def constructed(*values, **named) -> Section:
@@ -107,12 +132,20 @@ def _constructor(
             bound.apply_defaults()
             data = bound.arguments
             cls, *sizes = (data.pop(part.name) for part in own)
-            if shape is not None:
+            edges: Any = None
+            if shape is None:
+                A, J, height = sizes
+                if height is not None:
+                    halves = (functools.partial(operator.mul, side) for side in (-0.5, 0.5))
+                    edges = tuple(_combined(half, height=height) for half in halves)
+            else:
                 size = {part.name: value for part, value in zip(own[1:], sizes, strict=True)}
-                sizes = [_combined(functools.partial(_entry, shape, i), **size) for i in (0, 1)]
-                if data["shear_factor"] is None and shape is _box:
-                    data["shear_factor"] = _combined(_share_of_webs, **size)
-            return cls(**_data_of_material(*sizes, **data))
+                A, J, shear_factor, *edges = (
+                    _combined(functools.partial(_entry, shape, i), **size) for i in range(5)
+                )
+                if data["shear_factor"] is None:
+                    data["shear_factor"] = shear_factor
+            return cls(**_data_of_material(A, J, edges and (edges[0], edges[1]), **data))
 
         constructed.__signature__ = signature  # type: ignore[attr-defined]
         text = inspect.cleandoc(documented.__doc__ or "")
@@ -122,23 +155,102 @@ def _constructor(
     return made_of
 
 
-def _rectangle(height: float, width: float) -> tuple[float, float]:
-    return height * width, width * height**3 / 12
+def _rectangle(height: float, width: float) -> _Shape:
+    return _Shape(height * width, width * height**3 / 12, 5 / 6, -height / 2, height / 2)
 
 
-def _circle(diameter: float) -> tuple[float, float]:
-    return math.pi * diameter**2 / 4, math.pi * diameter**4 / 64
+def _circle(diameter: float) -> _Shape:
+    A, J = math.pi * diameter**2 / 4, math.pi * diameter**4 / 64
+    return _Shape(A, J, 0.9, -diameter / 2, diameter / 2)
 
 
-def _tube(diameter: float, thickness: float) -> tuple[float, float]:
-    (A, J), (A_inner, J_inner) = _circle(diameter), _circle(_inner(diameter, thickness))
-    return A - A_inner, J - J_inner
+def _tube(diameter: float, thickness: float) -> _Shape:
+    outer, inner = _circle(diameter), _circle(_inner(diameter, thickness))
+    return outer._replace(A=outer.A - inner.A, J=outer.J - inner.J, shear_factor=0.5)
 
 
-def _box(height: float, width: float, thickness: float) -> tuple[float, float]:
-    inner = _inner(height, thickness), _inner(width, thickness)
-    (A, J), (A_inner, J_inner) = _rectangle(height, width), _rectangle(*inner)
-    return A - A_inner, J - J_inner
+def _box(height: float, width: float, thickness: float) -> _Shape:
+    outer = _rectangle(height, width)
+    inner = _rectangle(_inner(height, thickness), _inner(width, thickness))
+    A = outer.A - inner.A
+    return outer._replace(A=A, J=outer.J - inner.J, shear_factor=2 * thickness * height / A)
+
+
+# A part of a profile: its area, the height of its centroid, and its own second moment of area.
+_Part = tuple[float, float, float]
+
+
+def _plate(height: float, width: float, bottom: float) -> _Part:
+    """A rectangle above the height of its bottom."""
+    return height * width, bottom + height / 2, width * height**3 / 12
+
+
+def _fillet(r: float, face: float, side: int, sign: int = 1) -> _Part:
+    """What a radius adds (1) in a corner above (1) or below (-1) a face, or takes (-1) at a tip."""
+    A = (1 - math.pi / 4) * r**2
+    depth = (10 - 3 * math.pi) / (12 - 3 * math.pi) * r
+    J = (1 / 3 - math.pi / 16 - 1 / (9 * (4 - math.pi))) * r**4
+    return sign * A, face + sign * side * depth, sign * J
+
+
+def _wedge(run: float, slope: float, face: float, side: int, sign: int) -> _Part:
+    """What a slope adds (1) near the web above (1) or below (-1) a face, or takes (-1) at a tip."""
+    rise = slope * run
+    A, J = run * rise / 2, run * rise**3 / 36
+    return sign * A, face + sign * side * rise / 3, sign * J
+
+
+def _profile(height: float, web: float, parts: Iterable[_Part]) -> _Shape:
+    """A shape of parts above its lower edge; shear goes through the area of its `web`."""
+    parts = list(parts)
+    A = sum(area for area, _, _ in parts)
+    centre = sum(area * y for area, y, _ in parts) / A
+    J = sum(own + area * (y - centre) ** 2 for area, y, own in parts)
+    return _Shape(A, J, web / A, -centre, height - centre)
+
+
+def _i_beam(h: float, b: float, tw: float, tf: float, r: float) -> _Shape:
+    _check_plates("i_beam", h, b, tw, tf, 2, r)
+    parts = [_plate(tf, b, 0.0), _plate(tf, b, h - tf), _plate(h - 2 * tf, tw, tf)]
+    fillets = [_fillet(r, tf, 1), _fillet(r, h - tf, -1)]
+    return _profile(h, (h - tf) * tw, parts + 2 * fillets)
+
+
+def _channel(
+    h: float, b: float, tw: float, tf: float, r: float, slope: float, toe: float
+) -> _Shape:
+    _check_plates("channel", h, b, tw, tf, 2, r)
+    parts = [_plate(tf, b, 0.0), _plate(tf, b, h - tf), _plate(h - 2 * tf, tw, tf)]
+    for face, side in ((tf, 1), (h - tf, -1)):
+        parts += [_wedge(b / 2 - tw, slope, face, side, 1), _wedge(b / 2, slope, face, side, -1)]
+        tip = face - side * slope * b / 2
+        parts += [_fillet(r, face, side), _fillet(toe, tip, side, -1)]
+    return _profile(h, (h - tf) * tw, parts)
+
+
+def _angle(h: float, b: float, t: float, r: float, toe: float) -> _Shape:
+    _check_plates("angle", h, b, t, t, 1, r)
+    parts = [_plate(t, b, 0.0), _plate(h - t, t, t), _fillet(r, t, 1)]
+    parts += [_fillet(toe, t, 1, -1), _fillet(toe, h, 1, -1)]
+    return _profile(h, 5 / 6 * h * t, parts)
+
+
+def _tee(h: float, b: float, tw: float, tf: float, r: float) -> _Shape:
+    _check_plates("tee", h, b, tw, tf, 1, r)
+    parts = [_plate(tf, b, h - tf), _plate(h - tf, tw, 0.0)] + 2 * [_fillet(r, h - tf, -1)]
+    return _profile(h, 5 / 6 * h * tw, parts)
+
+
+def _check_plates(
+    name: str, h: float, b: float, tw: float, tf: float, flanges: int, r: float
+) -> None:
+    """Refuse walls that do not fit into the height and width of a profile."""
+    subject = f"Section.{name}"
+    require(0 < tw < b, f"{subject}: thickness of the web", tw, f"less than the width, {b:g}")
+    limit = h / flanges
+    require(0 < tf < limit, f"{subject}: thickness of a flange", tf, f"less than {limit:g}")
+    room = min(b - tw, limit - tf)
+    require(0 <= r <= room, f"{subject}: radius r", r, f"a number from 0 to {room:g}")
 
 
 @dataclass(frozen=True)
@@ -180,6 +292,13 @@ class Section:
         Internal variables of a material whose state depends on the past, such as a plastic
         curvature. They need a `strain_energy`.
 
+    A, I, As : float or callable, optional
+        Area [m^2], second moment of area [m^4] and shear area [m^2], from which `Solution.stress`
+        follows. The constructors below know them.
+    edges : (float, float) or two callables, optional
+        Places of the lower and the upper edge [m]: distances from the axis to the left of the
+        beam's direction, the lower one negative. The axis is the line of centroids.
+
     Raises
     ------
     SceneError
@@ -212,6 +331,10 @@ class Section:
     strain_energy: Energy | None = field(default=None, metadata=IS_DATA)
     retardation: Datum | tuple[Datum, ...] = field(default=0.0, metadata=IS_DATA)
     internal: InternalVariables | None = None
+    A: Datum | None = field(default=None, metadata=IS_DATA, repr=False)
+    I: Datum | None = field(default=None, metadata=IS_DATA, repr=False)  # noqa: E741
+    As: Datum | None = field(default=None, metadata=IS_DATA, repr=False)
+    edges: tuple[Datum, Datum] | None = field(default=None, metadata=IS_DATA, repr=False)
 
     def __post_init__(self):
         times: Any = self.retardation
@@ -231,15 +354,19 @@ class Section:
             value = _value(name, datum, 0.5)
             if not callable(datum):
                 object.__setattr__(self, name, value)
+        for name in SIZES:
+            for datum in self._data(name):
+                if datum is not None:
+                    _value(name, datum, 0.5)
         check_energy(self.strain_energy, self.internal)
 
     def values(self, name: str, fractions: np.ndarray) -> np.ndarray:
-        """Values of a stiffness, inertia or retardation time along a beam.
+        """Values of a stiffness, inertia, retardation time or size along a beam.
 
         Parameters
         ----------
-        name : {"EA", "GA", "EI", "rhoA", "rhoI", "retardation"}
-            Its name.
+        name : {"EA", "GA", "EI", "rhoA", "rhoI", "retardation", "A", "I", "As", "lower", "upper"}
+            Its name; "lower" and "upper" are the edges.
         fractions : float array
             Fractions of the arc length.
 
@@ -283,8 +410,18 @@ class Section:
         return values if len(names) > 1 else values[0]
 
     def _data(self, name: str) -> tuple[Datum | None, ...]:
-        """A stiffness or an inertia, or three retardation times."""
+        """A stiffness, an inertia or a size, or three retardation times."""
+        if name in ("lower", "upper"):
+            return (self._edges[name == "upper"],)
         return self._times if name == "retardation" else (getattr(self, name),)
+
+    @property
+    def _edges(self) -> tuple[Datum | None, Datum | None]:
+        """Lower and upper edge."""
+        edges = (None, None) if self.edges is None else self.edges
+        is_pair = isinstance(edges, tuple | list) and len(edges) == 2
+        require(is_pair, "Section: edges", edges, "two distances: of the lower and the upper edge")
+        return edges[0], edges[1]
 
     @property
     def _times(self) -> tuple[Datum, ...]:
@@ -318,7 +455,7 @@ class Section:
         return any(map(callable, self._data(name)))
 
     @classmethod
-    @_constructor(_rectangle, 5 / 6)
+    @_constructor(_rectangle)
     def rectangle(cls, height: Datum, width: Datum):
         """Rectangular section.
 
@@ -339,7 +476,7 @@ class Section:
         """
 
     @classmethod
-    @_constructor(_circle, 0.9)
+    @_constructor(_circle)
     def circle(cls, diameter: Datum):
         """Solid circular section.
 
@@ -351,7 +488,7 @@ class Section:
         """
 
     @classmethod
-    @_constructor(_tube, 0.5)
+    @_constructor(_tube)
     def tube(cls, diameter: Datum, thickness: Datum):
         """Circular hollow section; the default shear factor is that of a thin wall.
 
@@ -374,7 +511,7 @@ class Section:
         """
 
     @classmethod
-    @_constructor(_box, None)
+    @_constructor(_box)
     def box(cls, height: Datum, width: Datum, thickness: Datum):
         """Rectangular hollow section with sharp corners.
 
@@ -392,16 +529,153 @@ class Section:
         """
 
     @classmethod
-    @_constructor(None, 5 / 6)
-    def from_area(cls, area: Datum, second_moment: Datum):
-        """Section of given area and second moment of area.
+    @_constructor(None)
+    def from_area(cls, area: Datum, second_moment: Datum, *, height: Datum | None = None):
+        """Section of given area and second moment of area, as tables of profiles have them.
 
         Parameters
         ----------
         area : float or callable
             Area [m^2].
         second_moment : float or callable
-            Second moment of area [m^4].
+            Second moment of area about the centroid, for bending in the plane of motion [m^4].
+        height : float or callable, optional
+            Depth in the plane of motion [m], for the stresses of a symmetric section.
+        {material}
+
+        Examples
+        --------
+        IPE 300: 53.8 cm^2, 8360 cm^4.
+
+        >>> import fx_beam as fb
+        >>> ipe = fb.Section.from_area(53.8e-4, 8360e-8, height=0.3, **fb.materials.steel)
+        >>> ipe.edges
+        (-0.15, 0.15)
+        """
+
+    @classmethod
+    @_constructor(_i_beam)
+    def i_beam(cls, h: Datum, b: Datum, tw: Datum, tf: Datum, r: Datum = 0.0):
+        """Section of two flanges and a web between them, which bends in the plane of the web.
+
+        By default the shear area is that of the web between the middles of the flanges,
+        ``(h - tf) tw``.
+
+        Parameters
+        ----------
+        h : float or callable
+            Depth in the plane of motion [m].
+        b : float or callable
+            Width of the flanges [m].
+        tw, tf : float or callable
+            Thickness of the web and of each flange [m].
+        r : float or callable
+            Radius of the fillets between web and flanges [m].
+        {material}
+
+        Examples
+        --------
+        IPE 300 by its table: 53.8 cm^2, 8360 cm^4.
+
+        >>> import fx_beam as fb
+        >>> ipe = fb.Section.i_beam(0.3, 0.15, 0.0071, 0.0107, 0.015, **fb.materials.steel)
+        >>> round(1e4 * ipe.A, 1), round(1e8 * ipe.I)
+        (53.8, 8356)
+        """
+
+    @classmethod
+    @_constructor(_channel)
+    def channel(
+        cls,
+        h: Datum,
+        b: Datum,
+        tw: Datum,
+        tf: Datum,
+        r: Datum = 0.0,
+        slope: Datum = 0.0,
+        toe: Datum = 0.0,
+    ):
+        """Section of a web with two flanges on one side, which bends in the plane of the web.
+
+        It is held against torsion. The shear area is as of `i_beam`.
+
+        Parameters
+        ----------
+        h : float or callable
+            Depth in the plane of motion [m].
+        b : float or callable
+            Width of the flanges, web included [m].
+        tw, tf : float or callable
+            Thickness of the web, and of each flange in the middle of its width [m].
+        r : float or callable
+            Radius of the fillets between web and flanges [m].
+        slope : float or callable
+            Slope of the inner faces of the flanges: 0.08 of UPN up to 300.
+        toe : float or callable
+            Radius at the tips of the flanges [m].
+        {material}
+
+        Examples
+        --------
+        UPN 200 by its table: 32.2 cm^2, 1910 cm^4.
+
+        >>> import fx_beam as fb
+        >>> upn = fb.Section.channel(
+        ...     0.2, 0.075, 0.0085, 0.0115, 0.0115, slope=0.08, toe=0.006, **fb.materials.steel
+        ... )
+        >>> round(1e4 * upn.A, 1), round(1e8 * upn.I)
+        (32.3, 1917)
+        """
+
+    @classmethod
+    @_constructor(_angle)
+    def angle(cls, h: Datum, b: Datum, t: Datum, r: Datum = 0.0, toe: Datum = 0.0):
+        """Section of two legs, the lower one across the plane of motion.
+
+        It is held so that it bends in the plane: its principal axes are turned against it. By
+        default the shear area is 5/6 of that of the leg in the plane.
+
+        Parameters
+        ----------
+        h : float or callable
+            Depth in the plane of motion [m].
+        b : float or callable
+            Width of the leg across the plane [m].
+        t : float or callable
+            Thickness of both legs [m].
+        r : float or callable
+            Radius of the fillet between them [m].
+        toe : float or callable
+            Radius at the tips of the legs [m].
+        {material}
+
+        Examples
+        --------
+        L 100 x 100 x 10 by its table: 19.2 cm^2, 177 cm^4, centroid at 28.2 mm.
+
+        >>> import fx_beam as fb
+        >>> leg = fb.Section.angle(0.1, 0.1, 0.01, 0.012, toe=0.006, **fb.materials.steel)
+        >>> round(1e4 * leg.A, 1), round(1e8 * leg.I), round(-1e3 * leg.edges[0], 1)
+        (19.2, 177, 28.2)
+        """
+
+    @classmethod
+    @_constructor(_tee)
+    def tee(cls, h: Datum, b: Datum, tw: Datum, tf: Datum, r: Datum = 0.0):
+        """Section of a web with a flange at its upper edge.
+
+        By default the shear area is 5/6 of that of the web over the whole depth.
+
+        Parameters
+        ----------
+        h : float or callable
+            Depth in the plane of motion [m].
+        b : float or callable
+            Width of the flange [m].
+        tw, tf : float or callable
+            Thickness of the web and of the flange [m].
+        r : float or callable
+            Radius of the fillets between them [m].
         {material}
         """
 
@@ -419,9 +693,55 @@ def values_along(
     return np.stack(values, axis=-1) if len(values) > 1 else values[0]
 
 
+def stress_weights(section: Section, quantity: str, edge: str | None, fraction: float) -> MaybeDual:
+    """Shares (3,) of N, Q and M in a stress at a fraction of the arc length: N / A - M e / I."""
+    if quantity == "shear_stress":
+        return dual_array([0.0, 1 / _size(section, "As", fraction), 0.0])
+    A, J = _size(section, "A", fraction), _size(section, "I", fraction)
+    assert edge is not None  # as an Output has one
+    return dual_array([1 / A, 0.0, -_size(section, edge, fraction) / J])
+
+
+def _size(section: Section, name: str, fraction: float) -> float:
+    check_sizes(section, name)
+    (datum,) = section._data(name)
+    assert datum is not None
+    return _value(name, datum, fraction)
+
+
+def has_stresses(section: Section | None) -> bool:
+    """Whether normal stresses of a section are known."""
+    if section is None or section.strain_energy is not None:
+        return False
+    return None not in (section.A, section.I, section.edges)
+
+
+def check_sizes(section: Section | None, *names: str, subject: str = "stress") -> None:
+    """Refuse the stresses of a section that lacks sizes, or has another law than a linear one."""
+    if section is None:
+        raise SceneError(
+            f"{subject}: a saved file does not hold sections; take the solution as simulate or "
+            "static gave it"
+        )
+    if section.strain_energy is not None:
+        raise SceneError(
+            f"{subject}: N / A and M e / I hold for linear sections. This one has a strain_energy "
+            "of its own, by which stresses have another distribution"
+        )
+    missing = [name for name in names if section._data(name) == (None,)]
+    if missing:
+        name = "edges" if missing[0] in ("lower", "upper") else missing[0]
+        value = "(lower, upper)" if name == "edges" else "..."
+        raise SceneError(
+            f"{subject}: the section has no {name}. Give Section(..., {name}={value}), or take a "
+            "constructor that knows its sizes, such as Section.rectangle or "
+            "Section.from_area(..., height=)"
+        )
+
+
 def _check_name(name, method: str) -> None:
-    expected = f"one of {list(DATA)}"
-    require(is_one_of(name, DATA), f"Section.{method}: name", name, expected)
+    expected = f"one of {[*DATA, *SIZES]}"
+    require(is_one_of(name, (*DATA, *SIZES)), f"Section.{method}: name", name, expected)
 
 
 def _values(
@@ -454,12 +774,8 @@ def _of_data(function: Callable[..., float], data: dict[str, Datum], fraction: f
     return function(*(_value(name, datum, fraction) for name, datum in data.items()))
 
 
-def _entry(shape: Callable[..., tuple[float, float]], i: int, *size: float) -> float:
-    return shape(*size)[i]
-
-
-def _share_of_webs(height: float, width: float, thickness: float) -> float:
-    return 2 * thickness * height / _box(height, width, thickness)[0]
+def _entry(shape: Callable[..., _Shape], i: int, *size: float, **sizes: float) -> float:
+    return shape(*size, **sizes)[i]
 
 
 def _inner(outer: float, thickness: float) -> float:
@@ -485,7 +801,10 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
         datum = _evaluated(datum, fraction, f"Section: {name}{place}")
     may_be_zero = name in _MAY_BE_ZERO
     number = as_float(datum)
-    if not ((0 < number or (may_be_zero and number == 0)) and number <= LARGEST):
+    if name in ("lower", "upper"):
+        ok = abs(number) <= LARGEST
+        require(ok, f"Section: {name} edge{place}", datum, "a finite distance from the axis")
+    elif not ((0 < number or (may_be_zero and number == 0)) and number <= LARGEST):
         expected = "zero or positive and finite" if may_be_zero else "positive and finite"
         expected += size_limit(datum, expected)
         raise SceneError(f"Section: {name} = {shown(datum)}{place} must be {expected}")

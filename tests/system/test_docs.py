@@ -50,7 +50,7 @@ def test_each_piece_of_code_runs_alone(page, number, tmp_path, monkeypatch, caps
     for other in pages.blocks(page):  # some are files that the others import
         if name := re.match(r"# (\w+\.py)\n", other):
             (tmp_path / name[1]).write_text(other, encoding="utf-8")
-    if page.stem in ("libraries", "fenicsx"):
+    if page.stem in ("libraries", "fenicsx", "section_forces"):
         for name in re.findall(r"^(?:import|from) (\w+)", block, flags=re.MULTILINE):
             pytest.importorskip(name)
     names = pages.run(block, page)
