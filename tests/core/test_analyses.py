@@ -75,6 +75,17 @@ def test_static_rolls_a_beam_up_as_exact():
     assert fb.Equilibrium().rates == fb.AtRest()
 
 
+def test_stresses_are_those_of_the_moment():
+    section = fb.Section(**DATA, A=0.02, I=1e-4, As=0.01, edges=(-0.1, 0.3))
+    scene, beam = clamped_bar((2, 0), section, 8)
+    scene.add_moment(beam.end, 5.0)
+    stress = fb.static(scene, load_steps=1).stress(beam)
+    assert isinstance(stress, fb.BeamStress)
+    ends = stress.ends
+    assert ends.lower[-1] == pytest.approx([5e3, 5e3])
+    assert ends.upper[-1] == pytest.approx([-1.5e4, -1.5e4])
+
+
 def test_static_response_has_the_derivatives_of_the_closed_form():
     run, h = fb.StaticResponse(rolled, load_steps=4), 1e-5
     factors, y = run([1.0])
