@@ -9,14 +9,18 @@ import json
 import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import is_name, require
+from fx_beam.errors import SceneError, is_name, require
 from fx_beam.scene.beam import COMPONENTS, Beam, BeamPlace, Node
-from fx_beam.scene.outputs import Output
+from fx_beam.scene.body import Body
+from fx_beam.scene.contacts import Contact
+from fx_beam.scene.forces_between import ForceBetween
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.outputs import OF_PLACES, Output, is_gear, lack, quantities_of
 
 from .files import in_table, of_numpy, replacing
 from .records import BeamResultants, known_resultants
@@ -123,11 +127,19 @@ def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
     return None if callable(value) else value
 
 
-def to_csv(solution, path, nodes: dict[str, Node | BeamPlace] | None = None) -> None:
-    """Write energies, momenta and the motion of some nodes as comma-separated columns.
+def to_csv(
+    solution,
+    path,
+    nodes: Mapping[str, Any] | None = None,
+    *,
+    outputs: Mapping[str, Output] | None = None,
+    energies: bool | None = None,
+    units: bool = False,
+) -> None:
+    """Write energies, the motion of some parts of the scene, and outputs as columns with commas.
 
-    What was not recorded is left out. Before names that a spreadsheet would run as formulas (with
-    = + - or @ at their start) there is an apostrophe.
+    What was not recorded is left out, but for `outputs`. Before names that a spreadsheet would run
+    as formulas (with = + - or @ at their start) there is an apostrophe.
 
     Parameters
     ----------
@@ -136,42 +148,71 @@ def to_csv(solution, path, nodes: dict[str, Node | BeamPlace] | None = None) -> 
     path : str or path
         File to write; its first row names the columns.
     nodes : dict, optional
-        Nodes, and places such as ``beam.at(0.5)`` with their section forces N, Q, M, by the names
-        that their columns shall have.
+        Parts by the names that their columns shall begin with: nodes and bodies, with the reactions
+        of supports; places such as ``beam.at(0.5)``, with section forces N, Q, M; joints, ropes,
+        springs, contacts and gears, with all that an `Output` of them can be.
+    outputs : dict of Output, optional
+        Outputs by the names of their columns, to which components are added.
+    energies : bool, optional
+        Whether energies and momenta are written; by default those of motions are.
+    units : bool
+        Whether a second row has the SI units.
+
+    Raises
+    ------
+    SceneError
+        For what is no part or output of this solution.
+    ValueError
+        For an output that was not recorded.
     """
-    write_csv(_columns(solution, {} if nodes is None else nodes), path)
+    columns, known_units = _columns(solution, nodes, outputs, energies)
+    write_csv(columns, path, known_units if units else None)
 
 
-def write_csv(columns: dict[str, np.ndarray], path) -> None:
-    """Write columns (n,) by their names as comma-separated values."""
+def write_csv(columns: dict[str, np.ndarray], path, units: list[str] | None = None) -> None:
+    """Write columns (n,) by their names as comma-separated values, with a row of units if any."""
     with replacing(path) as new, open(new, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(map(in_table, columns))
+        if units is not None:
+            writer.writerow(units)
         writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
 
 
-def to_pandas(solution, nodes: dict[str, Node | BeamPlace] | None = None):
-    """Table of energies, momenta and the motion of some nodes, with the columns of `to_csv`.
+def to_pandas(
+    solution,
+    nodes: Mapping[str, Any] | None = None,
+    *,
+    outputs: Mapping[str, Output] | None = None,
+    energies: bool | None = None,
+):
+    """Table with the columns of `to_csv`.
 
     Parameters
     ----------
     solution : Solution
         What is shown.
-    nodes : dict, optional
-        Nodes, and places such as ``beam.at(0.5)`` with their section forces N, Q, M, by the names
-        that their columns shall have.
+    nodes, outputs, energies : optional
+        As of `to_csv`.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each time or load factor, which is its index.
+        A row for each time or load factor, which is its index. ``attrs["units"]`` has the SI units
+        by columns.
 
     Raises
     ------
     RuntimeError
         Where pandas is not installed.
+    SceneError, ValueError
+        As of `to_csv`.
     """
-    return data_frame(_columns(solution, {} if nodes is None else nodes))
+    columns, units = _columns(solution, nodes, outputs, energies)
+    known_units = dict(zip(columns, units, strict=True))
+    frame = data_frame(columns)
+    frame.attrs["units"] = known_units
+    return frame
 
 
 def data_frame(columns: dict[str, np.ndarray]):
@@ -184,42 +225,65 @@ def data_frame(columns: dict[str, np.ndarray]):
     return pandas.DataFrame(columns, index=index)
 
 
-def to_xarray(solution):
+def to_xarray(
+    solution,
+    nodes: Mapping[str, Any] | None = None,
+    *,
+    outputs: Mapping[str, Output] | None = None,
+    energies: bool | None = None,
+):
     """All that was recorded, as arrays with named axes.
 
     Parameters
     ----------
     solution : Solution
         What is shown.
+    nodes, outputs, energies : optional
+        As of `to_csv`.
 
     Returns
     -------
     xarray.Dataset
-        Over time "t" or "load factor": energies and momenta; displacements and rotations "q", rates
-        "v" and accelerations "a", each by "node" and "component"; and for each beam the resultants
-        "N name", "Q name" and "M name", by arc length "s name".
+        Over time "t" or "load factor": the columns of `to_csv`; displacements and rotations "q",
+        rates "v" and accelerations "a", each by "node" and "component"; and for each beam the
+        resultants "N name", "Q name" and "M name", by arc length "s name". The attribute "units" of
+        each has its SI unit.
 
     Raises
     ------
     RuntimeError
         Where xarray is not installed.
+    SceneError, ValueError
+        As of `to_csv`.
     """
     _require("xarray", "to_xarray", "the solution itself has NumPy arrays")
     import xarray
 
-    columns = _columns(solution, {})
+    columns, units = _columns(solution, nodes, outputs, energies)
+    known_units = dict(zip(columns, units, strict=True))
     time = next(iter(columns))
     data: dict = {name: (time, values) for name, values in columns.items() if name != time}
     coordinates = {time: columns[time], "component": list(COMPONENTS)}
     coordinates |= {"x": ("node", solution.X[:, 0]), "y": ("node", solution.X[:, 1])}
-    for name in ["q"] * solution.has_motion + ["v", "a"] * solution.has_rates:
-        data[name] = (time, "node", "component"), getattr(solution, name)
+    known_units |= {"x": "m", "y": "m"}
+    recorded: dict[str, tuple] = {}
+    rates = {"v": "m/s, rad/s", "a": "m/s^2, rad/s^2"} if solution.has_rates else {}
+    for name, unit in (({"q": "m, rad"} if solution.has_motion else {}) | rates).items():
+        recorded[name] = (time, "node", "component"), getattr(solution, name)
+        known_units[name] = unit
     for beam, resultants in known_resultants(solution).items():
         coordinates[f"s {beam}"] = resultants.s
-        data |= {
-            f"{kind} {beam}": ((time, f"s {beam}"), getattr(resultants, kind)) for kind in "NQM"
-        }
-    return xarray.Dataset(data, coordinates, {"scheme": solution.stats.scheme})
+        known_units[f"s {beam}"] = "m"
+        for kind in "NQM":
+            recorded[f"{kind} {beam}"] = (time, f"s {beam}"), getattr(resultants, kind)
+            known_units[f"{kind} {beam}"] = OF_PLACES[kind].unit
+    twice = {*data} & ({*recorded} | {*coordinates})
+    expected = "other names than those of arrays that the dataset has"
+    require(not twice, "to_xarray: columns", sorted(twice), expected)
+    dataset = xarray.Dataset(data | recorded, coordinates, {"scheme": solution.stats.scheme})
+    for name, unit in known_units.items():
+        dataset[name].attrs["units"] = unit
+    return dataset
 
 
 def of_rows(rows: list[dict]):
@@ -236,31 +300,94 @@ def _require(package: str, task: str, instead: str) -> None:
         raise RuntimeError(f"{task} needs {package}: pip install {package}. Without it: {instead}")
 
 
-def _columns(solution, nodes: dict[str, Node | BeamPlace]) -> dict[str, np.ndarray]:
-    """Columns (n,) by their names, times or load factors first."""
+def _columns(
+    solution,
+    nodes: Mapping[str, Any] | None,
+    outputs: Mapping[str, Output] | None,
+    energies: bool | None,
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Columns (n,) by their names, times or load factors first, and their units."""
+    static = solution.stats.static
+    columns = {"load factor" if static else "t": solution.t}
+    units = ["1" if static else "s"]
+
+    def add(name: str, values: np.ndarray, unit: str) -> None:
+        require(name not in columns, "the name of a column", name, "used once")
+        columns[name] = values
+        units.append(unit)
+
+    if energies is not False and (energies or not static):
+        for name, values in vars(solution.energy).items():
+            add(f"energy {name}", values, "J")
+        add("energy total", solution.energy.total, "J")
+        add("energy balance error", solution.energy.balance_error, "J")
+        for component, values in zip("xy", solution.linear_momentum.T, strict=True):
+            add(f"linear momentum {component}", values, "kg m/s")
+        add("angular momentum", solution.angular_momentum, "kg m^2/s")
     expected = "a dict of nodes by the names of their columns, such as {'tip': beam.end}"
-    require(isinstance(nodes, dict) and all(map(is_name, nodes)), "nodes", nodes, expected)
-    columns = {"load factor" if solution.stats.static else "t": solution.t}
-    columns |= {f"energy {name}": value for name, value in vars(solution.energy).items()}
-    columns["energy total"] = solution.energy.total
-    columns["energy balance error"] = solution.energy.balance_error
-    columns["linear momentum x"], columns["linear momentum y"] = solution.linear_momentum.T
-    columns["angular momentum"] = solution.angular_momentum
-    for label, place in nodes.items():
-        parts: dict = {}
-        if solution.has_motion:
-            parts[""] = _columns_at(solution, place, "position", "rotation")
-        if solution.has_rates:
-            parts[" rate"] = _columns_at(solution, place, "velocity", "spin")
-        for i, component in enumerate(COMPONENTS):
-            for kind, values in parts.items():
-                columns[f"{label} {component}{kind}"] = values[i]
-        if isinstance(place, BeamPlace):
-            forces = solution.resultants(place.beam).at(place.s)
-            columns |= {f"{label} {name}": getattr(forces, name)[:, 0] for name in "NQM"}
-    return columns
+    parts: Any = {} if nodes is None else nodes
+    require(isinstance(parts, dict) and all(map(is_name, parts)), "nodes", nodes, expected)
+    for label, part in parts.items():
+        for name, output in _outputs_of(solution, part):
+            try:
+                values = _values(solution, output)
+            except SceneError:
+                raise
+            except ValueError:  # it was not recorded
+                continue
+            for component, (column, unit) in values.items():
+                add(" ".join(filter(None, (label, name, component))), column, unit)
+    expected = "a dict of fx_beam.Output by the names of their columns"
+    parts = {} if outputs is None else outputs
+    require(isinstance(parts, dict) and all(map(is_name, parts)), "outputs", outputs, expected)
+    for label, output in parts.items():
+        for component, (column, unit) in _values(solution, output).items():
+            add(f"{label} {component}".rstrip(), column, unit)
+    return columns, units
 
 
-def _columns_at(solution, place: Node | BeamPlace, *names: str) -> np.ndarray:
-    """Columns (k, n) of quantities of a node or a place."""
-    return np.column_stack([solution.value(Output(name, place)) for name in names]).T
+# Columns of nodes and places, with their quantities and components.
+_MOTION = {
+    **{"x": ("position", "x"), "x rate": ("velocity", "x")},
+    **{"y": ("position", "y"), "y rate": ("velocity", "y")},
+    **{"rotation": ("rotation", None), "rotation rate": ("spin", None)},
+}
+
+
+def _outputs_of(solution, part: Any) -> list[tuple[str, Output]]:
+    """Outputs of a part of a scene that its columns have, with their names."""
+    if isinstance(part, Body):
+        part = part.centre
+    if isinstance(part, Node | BeamPlace):
+        columns = dict(_MOTION)
+        if isinstance(part, BeamPlace):
+            columns |= {name: (name, None) for name in "NQM"}
+        elif _is_supported(solution, part):
+            columns["reaction"] = "reaction", None
+        return [(name, Output(kind, part, i)) for name, (kind, i) in columns.items()]
+    expected = "a node, a body, a place such as beam.at(0.5), a joint, a rope, a spring, a contact"
+    ok = is_gear(part) or isinstance(part, Joint | ForceBetween | Contact)
+    require(ok, "nodes", part, f"{expected} or a gear")
+    known = quantities_of(part)
+    if isinstance(part, Joint):
+        known = {name: known[name] for name in known if name != "spin" and not lack(part, name)}
+    return [(name.replace("_", " "), Output(name, part)) for name in known]
+
+
+def _is_supported(solution, node: Node) -> bool:
+    """Whether a support holds or drives a node at the end of a solution."""
+    constraints = solution.end.constraints
+    return any(node.number == number for number, _ in (*constraints.fixed, *constraints.driven))
+
+
+def _values(solution, output: Output) -> dict[str, tuple[np.ndarray, str]]:
+    """Columns (n,) of an output by components, with units; of a beam by arc lengths."""
+    rows = solution.value(output)
+    if rows.ndim == 1:
+        return {"": (rows, output.unit)}
+    if isinstance(output.of, Beam):
+        names = [f"at {s:.6g}" for s in solution.resultants(output.of).s]
+        return {name: (column, output.unit) for name, column in zip(names, rows.T, strict=True)}
+    parts = {name: replace(output, component=name) for name in output.components}
+    pairs = zip(parts.items(), rows.T, strict=True)
+    return {name: (column, part.unit) for (name, part), column in pairs}

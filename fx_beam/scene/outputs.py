@@ -178,7 +178,7 @@ class Output:
         ok = isinstance(self.of, (*_OF_CLASSES,)) or is_gear(self.of)
         expected = "a node, a place, a joint, a rope, a contact, a scene or a beam"
         require(ok, "Output: of", self.of, expected)
-        known = self._known
+        known = quantities_of(self.of)
         if not is_one_of(self.quantity, known):  # texts take time
             expected = f"one of {list(known)} for {self._place}"
             require(False, "Output: quantity", self.quantity, expected)
@@ -201,14 +201,6 @@ class Output:
         if isinstance(self.of, Beam):
             return self.of.name
         return "the scene" if isinstance(self.of, Scene) else str(self.of)
-
-    @property
-    def _known(self) -> dict[str, Quantity]:
-        if is_gear(self.of):
-            return OF_GEARS
-        if isinstance(self.of, ForceBetween) and self.of.is_bed:
-            return OF_BEDS
-        return next(known for kind, known in _OF_CLASSES.items() if isinstance(self.of, kind))
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -243,9 +235,18 @@ class Output:
         return isinstance(place, ForceBetween) and getattr(place, "direction", place) is None
 
 
+def quantities_of(place: Any) -> dict[str, Quantity]:
+    """Quantities of a part of a scene by name."""
+    if is_gear(place):
+        return OF_GEARS
+    if isinstance(place, ForceBetween) and place.is_bed:
+        return OF_BEDS
+    return next(known for kind, known in _OF_CLASSES.items() if isinstance(place, kind))
+
+
 def quantity_of(output: Output) -> Quantity:
     """Where the values of an output come from."""
-    return output._known[output.quantity]
+    return quantities_of(output.of)[output.quantity]
 
 
 def component_of(output: Output) -> int | None:

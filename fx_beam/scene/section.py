@@ -41,15 +41,15 @@ SIZES = "A", "I", "As", "lower", "upper"
 _MAY_BE_ZERO = "rhoA", "rhoI", "rho", "retardation", "r", "slope", "toe"
 
 
-_MATERIAL = """E : float or callable
+_MODULI = """E : float or callable
     Young's modulus [Pa].
 nu : float
     Poisson's ratio.
 rho : float or callable
     Mass density [kg/m^3].
 shear_factor : float or callable
-    Shear area divided by area.
-G : float or callable, optional
+    Shear area divided by area; by default that of the shape."""
+_MORE = """G : float or callable, optional
     Shear modulus [Pa]; by default E / (2 (1 + nu)). Timber needs it.
 retardation : float, callable or a triple of them, optional
     As in `Section` [s].
@@ -149,7 +149,8 @@ def _constructor(shape: Callable[..., _Shape] | None) -> Callable[[Callable], Ca
 
         constructed.__signature__ = signature  # type: ignore[attr-defined]
         text = inspect.cleandoc(documented.__doc__ or "")
-        constructed.__doc__ = text.replace("{material}", _MATERIAL)
+        text = text.replace("{material}", "{moduli}\n{more}")
+        constructed.__doc__ = text.replace("{moduli}", _MODULI).replace("{more}", _MORE)
         return constructed
 
     return made_of
@@ -539,9 +540,10 @@ class Section:
             Area [m^2].
         second_moment : float or callable
             Second moment of area about the centroid, for bending in the plane of motion [m^4].
+        {moduli}
         height : float or callable, optional
             Depth in the plane of motion [m], for the stresses of a symmetric section.
-        {material}
+        {more}
 
         Examples
         --------

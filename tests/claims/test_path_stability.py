@@ -84,5 +84,5 @@ def test_stability_survives_copies_and_files(tmp_path):
     for other in (pickle.loads(pickle.dumps(path)), fb.load(tmp_path / "path.npz")):
         assert other.unstable_modes.tolist() == [0, 0, 1, 1]
         assert (other.load_factor == path.load_factor).all()
-    path.to_csv(tmp_path / "path.csv")
+    path.to_csv(tmp_path / "path.csv", energies=True)  # equilibria have them when asked for
     assert (tmp_path / "path.csv").read_text(encoding="utf-8").startswith("load factor,")

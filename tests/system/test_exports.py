@@ -140,6 +140,86 @@ def test_arrays_of_xarray_bear_the_names_of_their_axes():
     assert not {"q", "v", "M leg"} & set(bare)
 
 
+def hung():
+    """A bar on a hinge, a support, a rope, a spring, a peg and a gear, with its parts by names."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section.rectangle(0.02, 0.02, **fb.materials.steel)
+    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=4, name="arm")
+    foot, wheel = scene.add_body((0, 0), 1.0, 0.1), scene.add_body((0, -1), 1.0, 0.1)
+    scene.clamp(foot.centre)
+    axle = scene.add_joint(fb.Revolute(fb.GROUND, wheel.centre))
+    hinge = scene.add_joint(fb.Revolute(foot.centre, arm.start))
+    return scene, {
+        "foot": foot,
+        "middle": arm.at(0.5),
+        "hinge": hinge,
+        "rope": scene.add_rope([(1, 1), arm.end], spring=fb.Spring(1e5), length=1.0),
+        "spring": scene.add_spring(arm.end, x=fb.Spring(1e3)).x,
+        "peg": scene.add_contact(arm.end, fb.Line((0, -1), (0, 1)), stiffness=1e5),
+        "gear": scene.add_joint(fb.Gear(hinge, axle, ratio=-2.0)),
+    }
+
+
+@pytest.mark.parametrize("static", [False, True])
+def test_tables_take_all_parts_of_a_scene_and_outputs_with_units(static, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    scene, parts = hung()
+    outputs = {
+        "peak": fb.Output("stress", parts["middle"], edge="lower"),
+        "moments": fb.Output("M", scene.beams[0]),
+        "speed": fb.Output("velocity", scene.beams[0].end),
+    }
+    solution = fb.static(scene) if static else fb.simulate(scene, dt=1e-3, t_end=2e-3)
+    table = solution.to_pandas(parts, outputs=outputs, energies=False)
+    units = table.attrs["units"]
+    for column, part, quantity, component, unit in (
+        ("rope force", "rope", "force", None, "N"),
+        ("rope length", "rope", "length", None, "m"),
+        ("spring energy", "spring", "energy", None, "J"),
+        ("hinge angle", "hinge", "angle", None, "rad"),
+        ("hinge force y", "hinge", "force", "y", "N"),
+        ("hinge force moment", "hinge", "force", "moment", "N m"),
+        ("peg gap", "peg", "gap", None, "m"),
+        ("gear force", "gear", "force", None, "N m"),
+        ("middle M", "middle", "M", None, "N m"),
+        ("middle y rate", "middle", "velocity", "y", "m/s"),
+    ):
+        expected = solution.value(fb.Output(quantity, parts[part], component))
+        np.testing.assert_array_equal(table[column], expected)
+        assert units[column] == unit
+    reaction = solution.reaction(parts["foot"].centre)
+    np.testing.assert_array_equal(table["foot reaction y"], reaction[:, 1])
+    assert not any(name.startswith("middle reaction") for name in table)
+    np.testing.assert_array_equal(table["peak"], solution.value(outputs["peak"]))
+    np.testing.assert_array_equal(table["moments at 0.375"], solution.resultants("arm").M[:, 1])
+    assert (units["peak"], units["speed x"]) == ("Pa", "m/s")
+    with_energies = set(solution.to_pandas())
+    assert ("energy total" in with_energies) is not static
+    assert "energy total" in set(solution.to_pandas(energies=True))
+
+    solution.to_csv(tmp_path / "run.csv", parts, outputs=outputs, energies=False, units=True)
+    read = pandas.read_csv(tmp_path / "run.csv", header=[0, 1], index_col=0)
+    assert dict(read.columns) == {name: units[name] for name in table}
+    np.testing.assert_allclose(read.to_numpy(), table.to_numpy(), rtol=1e-12)
+
+
+def test_columns_that_would_hide_others_and_what_is_no_part_are_refused():
+    scene, parts = hung()
+    solution = fb.simulate(scene, dt=1e-3, t_end=1e-3)
+    twice = {"a": parts["rope"], "a force": parts["hinge"]}
+    assert "a force angle" in solution.to_pandas(twice)
+    with pytest.raises(fb.SceneError, match="'t'.*used once"):
+        solution.to_pandas(outputs={"t": fb.Output("gap", parts["peg"])})
+    with pytest.raises(fb.SceneError, match="a node, a body, a place"):
+        solution.to_pandas({"arm": scene.beams[0]})
+    pytest.importorskip("xarray")
+    with pytest.raises(fb.SceneError, match="other names"):
+        solution.to_xarray(outputs={"q": fb.Output("gap", parts["peg"])})
+    computed = solution.to_xarray(parts, energies=False)
+    assert computed["hinge force y"].attrs["units"] == "N"
+    assert computed["M arm"].attrs["units"] == "N m" and computed["t"].attrs["units"] == "s"
+
+
 @pytest.mark.parametrize("package", ["pandas", "xarray"])
 def test_a_missing_package_is_named_with_what_to_do(package, monkeypatch):
     solution = fall()
