@@ -40,6 +40,8 @@ from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 INSTANT = 1e-9
 # Round-off of a mass or a damping of a combination of unknowns, relative to the largest.
 _NOTHING = 1e-12
+# Distance, relative to the scene's size, at which what is one-sided just begins to act.
+_JUST = 1e-12
 _STRAINED = "the reference is no equilibrium, as springs are strained there"
 
 
@@ -331,10 +333,30 @@ def linearised(
     )
     # The largest work of a force at a node in a unit motion of the scene [J].
     largest = max(abs(part * model.units.nodes).max() for part in (balance.f, balance.r, force))
+    _warn_of_switches(model, start, caller)
     if is_held or _is_equilibrium(about, state, balance.residual[unknowns], largest, caller):
         return about
     settled = settled_reference(scene, caller, models is None)
     return about if settled is None else linearised(scene, settled, caller)
+
+
+def _warn_of_switches(model: Model, state: State, caller: str) -> None:
+    """Warn of a rope, stop or contact that is just where it begins to act."""
+    points = model.points
+    if not points.placed or not sum(points.switch_counts):
+        return
+    ends = np.cumsum(points.switch_counts, dtype=int)
+    values = np.split(model.kinks.switches(state), ends)
+    for placed, gaps in zip(points.placed, values, strict=False):
+        law = placed.law.law
+        is_one_sided = law.unilateral or (law.length_law is not None and not law.internal)
+        if is_one_sided and (abs(gaps) <= _JUST * model.mesh.size).any():
+            warn_once(
+                f"{caller}: {placed.force.belongs_to} is just where it begins to act, and counts "
+                "as if it did not. Give a state in which it does or does not, such as "
+                "static(scene), a gap, or a pretension (add_rope(..., pretension=))"
+            )
+            return
 
 
 def settled_reference(scene: Scene, caller: str, settles: bool = True) -> Solution | None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from fx_beam.dual import dual_array, scene_number
 from fx_beam.errors import IS_DATA, SceneError, real_array, require, vector
 from fx_beam.symbolic import Expr, ufl
 
@@ -204,6 +205,12 @@ class ForceBetween:
     def length_at_start(self) -> float:
         """Distance of the points, or the sum of those along a rope, at the start [m]."""
         return math.fsum(math.hypot(*way) for way in self.apart)
+
+    @property
+    def drawn_length(self) -> float:
+        """The length at the start, with the slopes that it has [m]."""
+        moved = [(0.0, 0.0)] * (len(self.points) - 1)
+        return scene_number(self.length(dual_array(self.geometry), moved, (0.0, 0.0)))
 
     @property
     def functions(self) -> list[tuple[str, Expr]]:

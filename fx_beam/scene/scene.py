@@ -762,6 +762,8 @@ class Scene:
         stop: Stop | tuple | None = None,
         force: Pull | float | Input | None = None,
         length: TimeValue | Parameter | None = None,
+        taut: bool = False,
+        pretension: float = 0.0,
     ) -> ForceBetween:
         r"""Add a massless rope over several points: a force on the sum of their distances.
 
@@ -795,6 +797,10 @@ class Scene:
             rope pulls with ``spring.stiffness * (l - length)`` where it is longer, and is slack
             otherwise. What changes the length does work, which is part of `Energy.work`. In statics
             it is that at the time ``t``. An `Input` that is not set yet is the length as drawn.
+        taut : bool
+            Whether its length without tension is that as drawn: a brace that only pulls.
+        pretension : float, optional
+            Tension as drawn [N], by a length that is shorter than drawn by pretension / stiffness.
 
         Returns
         -------
@@ -834,6 +840,15 @@ class Scene:
         for node in nodes:
             loads.check_node(self, node, "rope")
         laws = Coordinate(spring, damper, friction=friction, stop=stop)  # type: ignore[arg-type]
+        if taut or pretension:
+            require(length is None, "rope: length", length, "left out, as it is taut as drawn")
+            ok = isinstance(spring, Spring) and spring.stiffness > 0
+            require(ok, "rope: spring", spring, "an fx_beam.Spring(k), as the rope is taut")
+            assert spring is not None
+            tension = finite(pretension, "rope: pretension", "not negative")
+            drawn = checked_force(self, points, laws, None, None, make).drawn_length
+            length = drawn - tension / spring.stiffness
+            require(length > 0, "rope: pretension", pretension, "less than stiffness times length")
         of_length = parameter_of_length(length, self.force_count)
         rope = self._with_force(checked_force(self, points, laws, force, length, make))
         if length is not None and is_open_input(signal := self.parameters.functions[of_length]):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scenes import assert_refused, held_body
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import fx_beam as fb
 
@@ -400,3 +401,92 @@ def test_the_length_of_a_rope_that_an_input_sets_starts_as_drawn(factor):
     motion = fb.Motion(scene, dt=1e-3, record=fb.Record())
     motion.step({"winch": 0.99 * value})
     assert motion.solution().energy.work[-1] == pytest.approx(1e4 * 0.02**2 / 2, rel=2e-2)
+
+
+# -- Ropes as drawn -------------------------------------------------------------------------------
+
+
+def braced(**rope):
+    """A frame of 6 m by 4 m with two braces that only pull."""
+    scene = fb.Scene()
+    section = fb.Section.rectangle(0.1, 0.1, **fb.materials.steel)
+    left, right = (scene.add_beam([(x, 0), (x, 4)], section, elements=4) for x in (0, 6))
+    scene.add_beam([left.end, right.end], section, elements=4)
+    scene.pin(left.start)
+    scene.pin(right.start)
+    ends = (left.start, right.end), (right.start, left.end)
+    braces = [scene.add_rope([*pair], spring=fb.Spring(5e6), **rope) for pair in ends]
+    return scene, left.end, braces
+
+
+def test_a_taut_rope_is_as_long_as_drawn_and_only_pulls():
+    scene, corner, (tie, other) = braced(taut=True)
+    scene.add_force(corner, (1e3, 0))
+    solution = fb.static(scene, load_steps=1)
+    tension = solution.joint(tie)
+    assert tension.length[0] == pytest.approx(np.hypot(6, 4), rel=1e-14)
+    assert tension.force[-1] == pytest.approx(5e6 * (tension.length[-1] - np.hypot(6, 4)))
+    assert solution.joint(other).force[-1] == 0
+
+
+def test_a_rope_with_a_pretension_has_it_as_drawn_also_over_a_pulley():
+    scene = fb.Scene()
+    load = scene.add_body((1, -2), mass=1.0, inertia=0.1).centre
+    scene.clamp(load)
+    points = [(-1, -2), fb.Pulley((0, 0), 0.3, "right"), load]
+    rope = scene.add_rope(points, spring=fb.Spring(1e4), pretension=250.0)
+    assert fb.static(scene, load_steps=1).joint(rope).force[0] == pytest.approx(250.0, rel=1e-9)
+
+
+def test_a_pretension_has_derivatives_by_places_and_by_itself():
+    """A mass between two ropes is pulled across: F = 2 T sin a, T = T0 + k (L / cos a - L)."""
+    k, F = 1e6, 3.0
+
+    def build(x):
+        tension, length = x
+        scene = fb.Scene()
+        node = scene.add_body((0, 0), mass=2.0, inertia=1.0).centre
+        scene.fix(node, "rotation")
+        for side in (-1, 1):
+            scene.add_rope([(side * length, 0), node], spring=fb.Spring(k), pretension=tension)
+        scene.add_force(node, (0.0, F))
+        return scene, {"y": fb.Output("displacement", node, "y")}
+
+    def closed(tension, length):
+        def balance(y):
+            span = np.hypot(length, y)
+            return 2 * (tension + k * (span - length)) * y / span - F
+
+        return brentq(balance, 0.0, 1.0, xtol=1e-15)
+
+    run = fb.StaticResponse(build, 1)
+    _, y = run([50.0, 1.5])
+    assert y["y"][-1] == pytest.approx(closed(50.0, 1.5), rel=1e-9)
+    slopes = [(closed(50.1, 1.5) - closed(49.9, 1.5)) / 0.2]
+    slopes.append((closed(50.0, 1.5001) - closed(50.0, 1.4999)) / 2e-4)
+    assert run.jacobian()["y"][-1] == pytest.approx(slopes, rel=1e-6)
+    assert not run.stats.difference_reason
+
+
+@pytest.mark.parametrize(
+    ("rope", "words"),
+    [
+        ({"taut": True, "length": 3.0}, "length.*left out"),
+        ({"pretension": -1.0}, "pretension.*not negative"),
+        ({"pretension": 1e9}, "pretension.*less than stiffness times length"),
+    ],
+)
+def test_pretensions_that_cannot_be_are_refused(rope, words):
+    assert_refused(words, braced, **rope)
+
+
+def test_modes_tell_of_a_rope_that_is_just_where_it_pulls(caplog):
+    slack = fb.modes(braced(length=7.3)[0], n=1).frequencies
+    assert "begins to act" not in caplog.text
+    just = fb.modes(braced(taut=True)[0], n=1).frequencies
+    assert just == pytest.approx(slack, rel=1e-9)
+    assert "force 0" in caplog.text and "begins to act" in caplog.text
+    caplog.clear()
+    tight = fb.modes(braced(pretension=5.0)[0], n=1).frequencies
+    assert tight > 4 * slack
+    assert "begins to act" not in caplog.text
