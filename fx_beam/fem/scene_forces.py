@@ -221,15 +221,15 @@ class SceneForces:
         ways = force.ways(self._X[nodes])
         for node, way, length in zip(nodes, ways, force.lengths, strict=True):
             dofs = self._mesh.dofs[node, :2].tolist()
-            for law, numbers in self._coordinate_laws(force.on, DISPLACEMENT):
-                # The first number of a bed is a stiffness; laws of a user may have none.
-                numbers[:1] = [number * length for number in numbers[:1]]
+            share = length if force.is_bed else None
+            for law, numbers in self._coordinate_laws(force.on, DISPLACEMENT, share):
                 yield PointForce(law, [*way, *numbers], dofs, **member)
 
     def _coordinate_laws(
-        self, coordinate: Any, kind: CoordinateKind
+        self, coordinate: Any, kind: CoordinateKind, length: float | None = None
     ) -> Iterator[tuple[PointLaw, list[float]]]:
-        """Laws of a coordinate, and their numbers."""
+        """Laws of a coordinate, and their numbers; those of beds act on a length."""
+        share = 1.0 if length is None else length
         has_losses = not self._at_rest and (coordinate.damper or coordinate.friction)
         if has_losses and isinstance(coordinate.spring, RopeSpring):
             yield self._rope_law(coordinate, kind)
@@ -238,6 +238,7 @@ class SceneForces:
         damper = None if self._at_rest else coordinate.damper
         k, rest = (spring.stiffness, spring.rest) if spring else (0.0, 0.0)
         c = damper.viscosity if damper else 0.0
+        k, c = k * share, c * share
         if k or c:
             yield _once(laws.spring, kind, bool(c)), [k, rest, c] if c else [k, rest]
 
@@ -245,20 +246,22 @@ class SceneForces:
             return self._shared(law, kind, functions_of(coordinate), *functions)
 
         if spring is not None and spring.strain_energy is not None:
-            yield shared(laws.stored_energy, spring.strain_energy, spring.internal), [rest]
+            facts = spring.strain_energy, spring.internal, length is not None
+            numbers = [rest] if length is None else [rest, length]
+            yield shared(laws.stored_energy, *facts), numbers
         if stop is not None:
             losses = numbers_of_loss(stop, self._at_rest)
             for sign, limit in ((1, stop.lower), (-1, stop.upper)):
                 if limit is not None:
                     law = _once(laws.contact, kind, bool(losses), None, sign)
-                    yield law, [stop.stiffness, *losses, limit]
+                    yield law, [stop.stiffness * share, *losses, limit]
         if damper is not None and damper.law is not None:
             yield shared(laws.damper_law, damper.law), []
         if isinstance(friction, SmoothFriction) and not self._at_rest:
             if callable(friction.force):
                 yield shared(laws.friction, friction.force), [friction.speed]
             else:
-                yield _once(laws.friction, kind), [friction.speed, friction.force]
+                yield _once(laws.friction, kind), [friction.speed, friction.force * share]
 
     def _rope_law(self, coordinate: Any, kind: CoordinateKind) -> tuple[PointLaw, list[float]]:
         """Law and numbers of a rope that only pulls, with a damper or friction."""

@@ -150,17 +150,23 @@ def spring(kind: CoordinateKind, damped: bool) -> PointLaw:
 
 
 def stored_energy(
-    kind: CoordinateKind, energy: Energy, internal: InternalVariables | None
+    kind: CoordinateKind, energy: Energy, internal: InternalVariables | None, is_bed: bool
 ) -> PointLaw:
-    """A spring with a stored energy, a function of the coordinate since its rest; number: rest."""
+    """A spring with a stored energy, a function of the coordinate since its rest.
+
+    Numbers: rest, and of a bed, whose energy is per length, the length.
+    """
     count, level = (len(internal.names), internal.level) if internal else (0, 1.0)
 
     def stored(x: Expr, a: Expr) -> Expr:
         return energy(x, a) if internal else energy(x)
 
     def ends(step: _Step) -> tuple[Expr, Expr]:
-        (rest,) = step.numbers
+        rest = step.numbers[0]
         return step.x.start - rest, step.x.end - rest
+
+    def on_length(step: _Step, value: Expr) -> Expr:
+        return step.numbers[1] * value if is_bed else value
 
     def variables(step: _Step) -> tuple[Expr, Expr, Expr]:
         """Internal variables at both ends of the step, and shortly after its start."""
@@ -180,7 +186,7 @@ def stored_energy(
             start = slope(lambda x: stored(x, old), x0)
             end = slope(lambda x: stored(x, new), x1)
             mean = (1 - level) * start + level * end
-        return step.forces(mean, internal=[new[i] for i in range(count)])
+        return step.forces(on_length(step, mean), internal=[new[i] for i in range(count)])
 
     def loss(step: _Step) -> Expr:
         strains = [(x,) for x in ends(step)]
@@ -189,9 +195,9 @@ def stored_energy(
     return _point_law(
         kind,
         "stored energy",
-        1,
+        1 + is_bed,
         forces,
-        lambda step: stored(ends(step)[0], variables(step)[0]),
+        lambda step: on_length(step, stored(ends(step)[0], variables(step)[0])),
         loss if internal else None,
         None if internal else lambda step: switches(energy(ends(step)[0])),
         internal=count,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -153,30 +153,58 @@ class Bed(NamedTuple):
 _LAWS = {Spring: "spring", Damper: "damper", SmoothFriction: "friction", Stop: "stop"}
 
 
-def ground_spring(node: Node, laws, direction: np.ndarray | None, name: str) -> GroundSpring:
-    """A spring to the ground along a direction or on the rotation; SceneError for no law."""
+def _coordinate(laws, name: str, beginning: float = 0.0) -> Coordinate:
+    """Laws of a displacement or rotation since its `beginning`; SceneError for no law."""
     law_list = laws if isinstance(laws, list | tuple) else [laws]
     names = [_LAWS.get(type(law), "") for law in law_list]
     ok = bool(law_list) and all(names) and len({*names}) == len(names)
     expected = "an fx_beam.Spring, Damper, SmoothFriction or Stop, or a list with one of each"
     require(ok, name, laws, expected)
-    coordinate = Coordinate(**dict(zip(names, law_list, strict=True)))
+    if beginning:
+        law_list = [_since(beginning, law) for law in law_list]
+    return Coordinate(**dict(zip(names, law_list, strict=True)))
+
+
+def _since(beginning: float, law: Any) -> Any:
+    """A law of a displacement that is zero at a beginning, as one of the displacement itself."""
+    if isinstance(law, Spring):
+        return replace(law, rest=law.rest + beginning)
+    if isinstance(law, Stop):
+        limits = {"lower": law.lower, "upper": law.upper}
+        return replace(law, **{n: x + beginning for n, x in limits.items() if x is not None})
+    return law
+
+
+def ground_spring(
+    node: Node, laws, direction: np.ndarray | None, name: str, beginning: float = 0.0
+) -> GroundSpring:
+    """A spring to the ground along a direction or on the rotation, from a `beginning` on."""
+    coordinate = _coordinate(laws, name, beginning)
     spring = GroundSpring((node,), coordinate, target=node, direction=direction)
-    check_at_start(spring, 0.0, 0.0, "the rotation" if direction is None else "the displacement")
+    what = "the rotation" if direction is None else "the displacement"
+    check_at_start(spring, beginning, 1e-12 * abs(beginning), what)
     return spring
 
 
 def parts_of_bed(
-    beam: Beam, normal: float, tangential: float, pushes_only: bool
+    beam: Beam, normal: float, tangential: float, pushes_only: bool, law=None
 ) -> dict[str, GroundSpring]:
-    """Springs across a beam and along it, by their names in `Bed`."""
+    """Springs across a beam and along it, by their names in `Bed`; across it by a law, if any."""
     parts, up, forwards = dict[str, GroundSpring](), np.array([0.0, 1.0]), np.array([1.0, 0.0])
-    if normal:
-        law = (
-            Coordinate(stop=Stop(0.0, None, normal)) if pushes_only else Coordinate(Spring(normal))
-        )
-        parts["normal"] = GroundSpring(beam.nodes, law, target=beam, direction=up)
+    if law is None and normal:
+        law = Stop(0.0, None, normal) if pushes_only else Spring(normal)
+    if law is not None:
+        name = f"bed of beam {beam.name!r}: law"
+        across = _coordinate(law, name)
+        spring, damper, friction = across.spring, across.damper, across.friction
+        remembers = spring is not None and spring.internal is not None
+        has_law = damper is not None and damper.law is not None
+        has_law |= isinstance(friction, SmoothFriction) and callable(friction.force)
+        expected = "without internal variables, and dampers and friction without functions"
+        require(not (remembers or has_law), name, law, expected)
+        parts["normal"] = GroundSpring(beam.nodes, across, target=beam, direction=up)
+        check_at_start(parts["normal"], 0.0, 0.0, "the displacement")
     if tangential:
-        law = Coordinate(Spring(tangential))
-        parts["tangential"] = GroundSpring(beam.nodes, law, target=beam, direction=forwards)
+        along = Coordinate(Spring(tangential))
+        parts["tangential"] = GroundSpring(beam.nodes, along, target=beam, direction=forwards)
     return parts

@@ -857,7 +857,15 @@ class Scene:
         return rope
 
     def add_spring(
-        self, node: Node, x=None, y=None, rotation=None, axis: Sequence[float] = (1.0, 0.0)
+        self,
+        node: Node,
+        x=None,
+        y=None,
+        rotation=None,
+        axis: Sequence[float] = (1.0, 0.0),
+        *,
+        at: str | None = None,
+        start=None,
     ) -> GroundSprings:
         """Hold a node to the ground by springs, dampers, friction or stops.
 
@@ -873,6 +881,12 @@ class Scene:
             What acts on each displacement [m] and on the rotation [rad].
         axis : (2,) float, optional
             Direction of x, of any length; y is to its left. By default those of the scene.
+        at : "now", optional
+            Springs and stops begin where the node is at the end of `start`, as a prop that is put
+            under it: displacements and rotation count from there. By default they count from the
+            reference configuration.
+        start : Solution, optional
+            The state in which they are added; `static` or `simulate` with this `start` goes on.
 
         Returns
         -------
@@ -883,8 +897,8 @@ class Scene:
         Raises
         ------
         SceneError
-            Without any law, for what is no law, for a stop beyond which the node starts, or an
-            axis without a direction.
+            Without any law, for what is no law, for a stop beyond which the node starts, an axis
+            without a direction, or one of `at` and `start` alone.
 
         Examples
         --------
@@ -907,10 +921,11 @@ class Scene:
         require(bool(size > 0), "spring: axis", axis, "a direction")
         left = np.stack([-forwards[1], forwards[0]]) + 0.0  # no -0
         ways = scene_number(forwards / size), scene_number(left / size), None
-        directions = zip(("x", "y", "rotation"), (x, y, rotation), ways, strict=True)
+        beginnings = _where_now(node, at, start, ways[0], ways[1])
+        parts = zip(("x", "y", "rotation"), (x, y, rotation), ways, beginnings, strict=True)
         springs = {
-            name: ground_spring(node, laws, way, f"spring: {name}")
-            for name, laws, way in directions
+            name: ground_spring(node, laws, way, f"spring: {name}", beginning)
+            for name, laws, way, beginning in parts
             if laws is not None
         }
         expected = "an fx_beam.Spring for one of them at least"
@@ -918,7 +933,12 @@ class Scene:
         return GroundSprings(**{name: self._with_force(part) for name, part in springs.items()})
 
     def add_bed(
-        self, beam: Beam, normal: float = 0.0, tangential: float = 0.0, pushes_only: bool = False
+        self,
+        beam: Beam,
+        normal: float = 0.0,
+        tangential: float = 0.0,
+        pushes_only: bool = False,
+        law=None,
     ) -> Bed:
         """Lay a beam on an elastic bed (Winkler's): springs along all of its length to the ground.
 
@@ -936,6 +956,10 @@ class Scene:
         pushes_only : bool, optional
             Whether the bed lies to the right of the beam, seen from its start, and does not pull:
             below a beam from left to right.
+        law : Spring, Damper, SmoothFriction, Stop or a list of them, optional
+            What acts across the beam per length in the place of `normal`, on the displacement to
+            its left [m]: a spring with a `strain_energy` [J/m] for soil that yields (p-y curves) or
+            that the beam leaves.
 
         Returns
         -------
@@ -946,7 +970,7 @@ class Scene:
         Raises
         ------
         SceneError
-            For a negative stiffness, or none at all.
+            For a negative stiffness, none at all, a law beside `normal`, or what is no law.
 
         Examples
         --------
@@ -971,9 +995,11 @@ class Scene:
         normal = finite(normal, f"{name}: normal", "not negative")
         tangential = finite(tangential, f"{name}: tangential", "not negative")
         acts, expected = normal + tangential > 0, "a positive stiffness [N/m^2]"
-        require(acts, f"{name}: normal", normal, expected)
+        require(acts or law is not None, f"{name}: normal", normal, expected)
+        alone = law is None or not (normal or pushes_only)
+        require(alone, f"{name}: law", law, "given without normal and pushes_only")
         require(is_flag(pushes_only), f"{name}: pushes_only", pushes_only, "True or False")
-        parts = parts_of_bed(beam, normal, tangential, pushes_only)
+        parts = parts_of_bed(beam, normal, tangential, pushes_only, law)
         return Bed(**{name: self._with_force(part) for name, part in parts.items()})
 
     def _with_force(self, force: _Force) -> _Force:
@@ -1660,3 +1686,16 @@ def _look_at_elements(beam: Beam) -> None:
         from .coarse_beams import warn_of_coarse_elements
 
         warn_of_coarse_elements(beam)
+
+
+def _where_now(node: Node, at, start, forwards, left) -> tuple[float, float, float]:
+    """Displacements along two directions and rotation of a node from which springs count."""
+    require(at is None or is_one_of(at, ("now",)), "spring: at", at, "'now', or left out")
+    together = (at is None) == (start is None)
+    require(together, "spring: start", start, "a solution with at='now', or left out without")
+    if start is None:
+        return 0.0, 0.0, 0.0
+    has_rows = hasattr(start, "displacement") and hasattr(start, "rotation")
+    require(has_rows, "spring: start", start, "an fx_beam.Solution")
+    moved, turned = start.displacement(node)[-1], start.rotation(node)[-1]
+    return float(forwards @ moved), float(left @ moved), float(turned)

@@ -2,9 +2,12 @@
 
 import tracemalloc
 
+import ufl
+
 import numpy as np
 import pytest
-from scenes import pinned_bar
+from scenes import assert_refused, pinned_bar
+from scipy.integrate import solve_bvp
 
 import fx_beam as fb
 
@@ -141,3 +144,116 @@ def test_a_bed_takes_memory_in_proportion_to_the_elements():
     tracemalloc.stop()
     assert most < 5e8
     assert solution.displacement(beam.node(0.5))[-1, 1] == pytest.approx(-1e-3, rel=1e-3)
+
+
+# -- Beds by laws of their own, and springs that begin in a state --------------------------------
+
+
+def yielding(limit, scale):
+    """A spring per length that holds limit * tanh(x / scale)."""
+    return fb.Spring(strain_energy=lambda x: limit * scale * ufl.ln(ufl.cosh(x / scale)))
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_a_stiff_beam_sinks_evenly_into_a_bed_that_yields(degree):
+    """A load q per length and p = p0 tanh(y / y0): y = y0 artanh(q / p0)."""
+    scene = fb.Scene()
+    stiff = fb.Section(EA=1e9, GA=1e9, EI=1e9)
+    beam = scene.add_beam([(0, 0), (3, 0)], stiff, elements=4, degree=degree)
+    scene.fix(beam.start, "x")
+    bed = scene.add_bed(beam, law=yielding(500.0, 0.02))
+    scene.add_line_load(beam, (0.0, -400.0))
+    solution = fb.static(scene, load_steps=4)
+    sunk = -0.02 * np.arctanh(0.8)
+    np.testing.assert_allclose(solution.displacement(beam.end)[-1, 1], sunk, rtol=1e-6)
+    assert solution.joint(bed.normal).force[-1] == pytest.approx(-1200.0, rel=1e-9)
+
+
+def test_the_head_of_a_pile_moves_as_its_differential_equation():
+    """EI w'''' + p0 tanh(w / y0) = 0, a force H at a free head, a free toe."""
+    EI, L, p0, y0, H = 5e4, 8.0, 300.0, 1e-3, 400.0
+
+    def slopes(x, w):
+        return np.array([w[1], w[2], w[3], -p0 * np.tanh(w[0] / y0) / EI])
+
+    def ends(a, b):
+        return np.array([a[2], a[3] - H / EI, b[2], b[3]])
+
+    x = np.linspace(0, L, 400)
+    exact = solve_bvp(slopes, ends, x, np.zeros((4, len(x))), tol=1e-8, max_nodes=100_000)
+    assert exact.success
+    scene = fb.Scene()
+    section = fb.Section(EA=1e9, GA=1e12, EI=EI)
+    pile = scene.add_beam([(0, 0), (0, -L)], section, elements=80, degree=2)
+    scene.fix(pile.end, "y")
+    scene.add_bed(pile, law=yielding(p0, y0))
+    scene.add_force(pile.start, (H, 0.0))
+    head = fb.static(scene, load_steps=4).displacement(pile.start)[-1, 0]
+    assert head == pytest.approx(abs(exact.y[0, 0]), rel=2e-3)
+    assert head > 1.5 * abs(H / np.sqrt(np.sqrt(EI * (p0 / y0) ** 3)))  # it has yielded
+
+
+def test_a_bed_by_a_law_that_only_pushes_is_the_one_that_only_pushes():
+    tips = []
+    for bed in (
+        {"normal": 1e5, "pushes_only": True},
+        {"law": fb.Stop(0.0, None, 1e5)},
+        {"law": fb.Spring(strain_energy=lambda x: 5e4 * ufl.min_value(x, 0) ** 2)},
+    ):
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (4, 0)], fb.Section(EA=1e8, GA=1e8, EI=1e4), elements=16)
+        scene.fix(beam.start, "x")
+        scene.add_bed(beam, **bed)
+        scene.add_line_load(beam, (0.0, -50.0))
+        scene.add_force(beam.node(0.5), (0.0, -1e3))
+        tips.append(fb.static(scene).displacement(beam.end)[-1, 1])
+    assert tips[0] > 0  # it lifts off
+    np.testing.assert_allclose(tips[1:], tips[0], rtol=1e-6)
+
+
+def test_a_prop_that_is_put_under_a_sagged_tip_takes_only_what_comes_later():
+    """Then 3 EI / L^3 and the prop share the second force."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e8, GA=1e8, EI=1e4)
+    beam = scene.add_beam([(0, 0), (2, 0)], section, elements=16, degree=2)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, -20.0))
+    first = fb.static(scene, load_steps=2)
+    sagged = first.displacement(beam.end)[-1, 1]
+    prop = scene.add_spring(beam.end, y=fb.Spring(1e4), at="now", start=first).y
+    still = fb.static(scene, load_steps=1, start=first)
+    assert still.displacement(beam.end)[-1, 1] == pytest.approx(sagged, rel=1e-9)
+    assert abs(still.joint(prop).force).max() < 1e-6
+    scene.add_force(beam.end, (0.0, -20.0))
+    second = fb.static(scene, load_steps=2, start=first)
+    stiffness = 3e4 / 8 / (1 + 3e4 / (1e8 * 4))
+    further = second.displacement(beam.end)[-1, 1] - sagged
+    assert further == pytest.approx(-20 / (1e4 + stiffness), rel=1e-3)
+    assert second.joint(prop).force[-1] == pytest.approx(1e4 * further, rel=1e-9)
+
+
+def test_a_stop_and_an_axis_count_from_the_state_too():
+    scene = fb.Scene()
+    node = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+    scene.add_spring(node, x=fb.Spring(100.0), y=fb.Spring(100.0), rotation=fb.Spring(10.0))
+    scene.add_force(node, (3.0, 4.0))
+    scene.add_moment(node, 1.0)
+    start = fb.static(scene, load_steps=1)
+    laws = {"x": fb.Stop(-0.01, 0.0, 1e3), "rotation": fb.Spring(1e3)}
+    more = scene.add_spring(node, axis=(3, 4), at="now", start=start, **laws)
+    assert more.x.on.stop.upper == pytest.approx(0.05)
+    assert more.x.on.stop.lower == pytest.approx(0.04)
+    assert more.rotation.on.spring.rest == pytest.approx(0.1)
+
+
+def test_laws_of_beds_and_states_that_do_not_fit_are_refused():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1, GA=1, EI=1), elements=2)
+    assert_refused("law.*fx_beam.Spring, Damper", scene.add_bed, beam, law=3.0)
+    spring = fb.Spring(1.0)
+    assert_refused("without normal", scene.add_bed, beam, normal=1.0, law=spring)
+    damper = fb.Damper(law=lambda rate: rate**3)
+    assert_refused("dampers and friction without functions", scene.add_bed, beam, law=damper)
+    assert_refused("at = .*'now'", scene.add_spring, beam.end, y=spring, at="then", start=1)
+    assert_refused("start", scene.add_spring, beam.end, y=spring, at="now")
+    assert_refused("start.*Solution", scene.add_spring, beam.end, y=spring, at="now", start=3)
