@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+from typing import Any
+
 import numpy as np
 
 from fx_beam.errors import warn_once
 from fx_beam.fem.mesh import Mesh
 from fx_beam.fem.sparsity import connected_parts
-from fx_beam.scene.beam import Beam
+from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.sliders import SlidingJoint
 
 # An end lies on a beam if it is so near to it, relative to the scene.
 _NEAR = 1e-6
@@ -20,7 +22,7 @@ _NAMED = 3
 
 def warn_of_unjoined(scene: Scene, mesh: Mesh) -> None:
     """Warn of beams that end on another one without a joint, a contact or a line between them."""
-    parts, held = _connected(scene, len(mesh.X))
+    parts, held = _connected(scene, mesh)
     ends = np.unique([nodes[i] for nodes in mesh.nodes for i in (0, -1)])
     ends = np.setdiff1d(ends, held)
     found = _touching(mesh, ends, parts) if len(ends) else []
@@ -77,25 +79,29 @@ def _unintended(
     return [*left.values()]
 
 
-def _connected(scene: Scene, count: int) -> tuple[np.ndarray, list[int]]:
-    """The part to which each of so many nodes, and then each beam, belongs; nodes that are held.
+def _connected(scene: Scene, mesh: Mesh) -> tuple[np.ndarray, list[int]]:
+    """The part to which each node, and then each beam, belongs; nodes that are held.
 
     Parts are connected by joints, contacts and lines, not by beams.
     """
-    number_of = {id(beam): count + i for i, beam in enumerate(scene.beams)}
     held = {node for node, i in scene.fixed if i == 0 and (node, 1) in scene.fixed}
-    links = list[tuple[int, int]]()
-    for contact in scene.contacts:
-        other = contact.shape if isinstance(contact.shape, Beam) else contact.shape.carrier
-        pair = contact.target, other or GROUND
-        a, b = (number_of.get(id(part), getattr(part, "number", -1)) for part in pair)
-        links.append((a, b))
-    for line in scene.forces_between:
-        links += zip(line.nodes, line.nodes[1:], strict=False)
     for joint in scene.joints:
-        a = number_of[id(joint.beam)] if isinstance(joint, SlidingJoint) else joint.a.number
-        links.append((a, joint.b.number))
-        if min(links[-1]) < 0:
-            held |= {*links[-1]}
-    pairs = np.array([pair for pair in links if min(pair) >= 0], int).reshape(-1, 2)
-    return connected_parts(pairs.T, count + len(scene.beams)), [*held]
+        if GROUND in (joint.a, joint.b):
+            held |= {joint.a.number, joint.b.number}
+    pairs = np.reshape([pair for pair in links(scene, mesh) if min(pair) >= 0], (-1, 2))
+    return connected_parts(pairs.astype(int).T, len(mesh.X) + len(scene.beams)), [*held]
+
+
+def links(scene: Scene, mesh: Mesh) -> list[tuple[int, int]]:
+    """Pairs that joints, contacts and lines connect: nodes, and beams behind; -1, the ground."""
+    beams = {id(beam): len(mesh.X) + i for i, beam in enumerate(scene.beams)}
+    pairs: list[tuple[Any, Any]]
+    pairs = [(getattr(joint, "beam", joint.a), joint.b) for joint in scene.joints]
+    pairs += [(gear.joint_b.b, gear.joint_a.a) for gear in scene.gears]
+    for contact in scene.contacts:
+        pairs.append((contact.target, getattr(contact.shape, "carrier", contact.shape)))
+    for line in scene.forces_between:
+        pairs += pairwise((line.target, GROUND) if isinstance(line, GroundSpring) else line.points)
+    # What has no number, as a fixed point, is on the ground.
+    numbers = ([beams.get(id(x), getattr(x, "number", -1)) for x in pair] for pair in pairs)
+    return [(a, b) for a, b in numbers]

@@ -6,16 +6,14 @@ degrees of freedom holds it, as a statically determinate support does: it carrie
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse
-from scipy.sparse.csgraph import connected_components
 
-from fx_beam.scene.beam import Beam
-from fx_beam.scene.ground_springs import GroundSpring
+from fx_beam.coupling.unjoined import links
+from fx_beam.fem.sparsity import connected_parts
 from fx_beam.step.extended import Extended
 from fx_beam.step.model import Model
 
@@ -45,25 +43,13 @@ class FreePart(NamedTuple):
 def free_parts(model: Model) -> list[FreePart]:
     """The parts of a scene that joints, springs and obstacles do not join to the ground."""
     scene, mesh = model.scene, model.mesh
-    ground = len(mesh.X)
-    pairs = [(nodes[0], node) for nodes in mesh.nodes for node in nodes[1:]]
-    pairs += [(joint.a.number, joint.b.number) for joint in scene.joints]
-    for gear in scene.gears:
-        pairs += pairwise(node.number for node in gear.nodes)
-    for force in scene.forces_between:
-        if isinstance(force, GroundSpring):
-            pairs.append((mesh.nodes_of(scene, force.target)[0], -1))
-        else:
-            pairs += pairwise(force.nodes)
-    for contact in scene.contacts:
-        nodes, shape = mesh.nodes_of(scene, contact.target), contact.shape
-        carrier = shape.nodes[0] if isinstance(shape, Beam) else shape.carrier
-        pairs.append((nodes[0], -1 if carrier is None else carrier.number))
-    i, j = np.reshape(pairs, (-1, 2)).astype(int).T % (ground + 1)  # -1 is the ground
-    graph = scipy.sparse.coo_matrix((np.ones(len(i)), (i, j)), (ground + 1,) * 2)
-    _, part_of = connected_components(graph, directed=False)
+    beams, ground = len(mesh.X), len(mesh.X) + len(scene.beams)
+    pairs = links(scene, mesh)
+    pairs += [(beams + i, node) for i, nodes in enumerate(mesh.nodes) for node in nodes]
+    ends = np.reshape(pairs, (-1, 2)).astype(int).T % (ground + 1)  # -1 is the ground
+    part_of = connected_parts(ends, ground + 1)
     supported = {node for node, _ in (*scene.fixed, *scene.prescribed)}
-    parts = (np.flatnonzero(part_of == part) for part in np.unique(part_of[:-1]))
+    parts = (np.flatnonzero(part_of[:beams] == k) for k in np.unique(part_of[:beams]))
     apart = (nodes for nodes in parts if part_of[nodes[0]] != part_of[ground])
     return [FreePart(nodes, supported.isdisjoint(nodes.tolist())) for nodes in apart]
 
