@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
-from scipy.linalg import block_diag
 from scipy.sparse.linalg import splu
 
 from fx_beam.errors import SceneError
@@ -114,67 +113,83 @@ def _parts(mesh: Mesh, inertia: np.ndarray | None) -> _Parts | None:
 
 
 def _rows(scene: Scene, mesh: Mesh, parts: _Parts, static: bool):
-    """Linear constraints of supports and joints on the free rates: an array (rows, free) if few."""
-    # Numbers of rows, nodes a and b, -1 for the ground: along a direction the displacement of b is
-    # that of the end of an arm on a; or with a weight they turn together.
-    numbers, moved, turned = itertools.count(), list[tuple](), list[tuple]()
-    for node, component in (*scene.fixed, *scene.prescribed):
-        if component == 2:
-            turned.append((next(numbers), -1, node, 1.0))
-        else:
-            moved.append((next(numbers), -1, node, 1 - component, component, 0.0, 0.0))
-    for joint in scene.joints:
-        ends, direction = (joint.a.number, joint.b.number), joint.direction
-        ways = [(1.0, 0.0), (0.0, 1.0)]
-        if direction is not None and not _is_held(joint.slide, static):
-            ways = [(-direction[1], direction[0])]
-        moved += [(next(numbers), *ends, *way, *joint.arm) for way in ways]
-        if joint.turns_together or _is_held(joint.rotation, static):
-            turned.append((next(numbers), *ends, 1.0))
-    force: Any
-    for force in scene.forces_between:
-        if not _is_held(force.on, static):
-            continue
-        if not force.to_ground:  # the length over all of its points
-            row, straight = next(numbers), np.array(force.straight(force.apart), dtype=float)
-            drums = getattr(force, "drums", ())
-            turned += [(row, -1, node, radius / mesh.size) for node, radius in drums]
-            pieces = zip(force.nodes, force.nodes[1:], straight, strict=False)
-            moved += [(row, a, b, *(way / np.hypot(*way)), 0.0, 0.0) for a, b, way in pieces]
-        elif force.direction is None:
-            turned.append((next(numbers), -1, force.target.number, 1.0))
-        else:
-            nodes = mesh.nodes_of(scene, force.target)
-            tied = zip(nodes, force.ways(mesh.X[nodes]), strict=True)
-            moved += [(next(numbers), -1, node, *way, 0.0, 0.0) for node, way in tied]
-    for gear in scene.gears:
-        row, acts = next(numbers), gear.is_ideal or _is_held(gear.on, static)
-        for joint, name, weight in gear.terms if acts else ():
-            ends = joint.a.number, joint.b.number
-            if name == "slide":
-                direction = joint.kinematics.tangent(joint.start()[0])
-                moved.append((row, *ends, *direction, *joint.arm))
-            else:
-                turned.append((row, *ends, weight / (1.0 if gear.column else mesh.size)))
-    moves, turns = np.array(moved).reshape(-1, 7), np.array(turned).reshape(-1, 4)
-    entries = []
-    for end, sign in ((1, -1.0), (2, 1.0)):
-        table = moves[moves[:, end] >= 0]
-        row, node = table[:, [0, end]].T.astype(int)
-        part, directions, arms = parts.part_of_node[node], sign * table[:, 3:5], table[:, 5:]
-        arms = arms * (2 - end)  # on a
-        x, y = ((mesh.X[node] - parts.point[part] + arms) / mesh.size).T
-        entries += [(row, 3 * part + i, directions[:, i]) for i in (0, 1)]
-        entries.append((row, 3 * part + 2, directions[:, 1] * x - directions[:, 0] * y))
-        table = turns[turns[:, end] >= 0]
-        row, node = table[:, [0, end]].T.astype(int)
-        entries.append((row, 3 * parts.part_of_node[node] + 2, sign * table[:, 3]))
-    i, j, values = map(np.concatenate, zip(*entries, strict=True))
-    shape, free = (next(numbers), parts.free.size), parts.free.ravel()
+    """Linear constraints of the scene on the free rates: an array (rows, free) if few."""
+    rates, free = _held_rates(scene, mesh, static), parts.free.ravel()
+    terms, count, n = [*itertools.chain.from_iterable(rates)], len(rates), len(free)
+    row = np.repeat(np.arange(count), [*map(len, rates)])
+    dof, weight = np.array([dof for dof, _ in terms], int), np.array([x for _, x in terms])
+    row, dof, weight = row[dof >= 0], dof[dof >= 0], weight[dof >= 0]
+    node, component = np.divmod(dof, 3)
+    part = parts.part_of_node[node]
+    x, y = ((mesh.X[node] - parts.point[part]) / mesh.size).T
+    lever = np.choose(component, [-y, x, 0 * x])
+    row, column = np.tile(row, 2), np.append(3 * part + component, 3 * part + 2)
+    values = np.append(weight, weight * lever)
     if free.sum() > _FEW:
-        return scipy.sparse.coo_matrix((values, (i, j)), shape).tocsr()[:, free]
-    rows = np.bincount(i * shape[1] + j, values, math.prod(shape))
-    return rows.reshape(shape)[:, free]
+        return scipy.sparse.coo_matrix((values, (row, column)), (count, n)).tocsr()[:, free]
+    return np.bincount(row * n + column, values, count * n).reshape(count, n)[:, free]
+
+
+#: Degrees of freedom, negative of the ground, and weights of a rate of nodes.
+_Terms = list[tuple[int, float]]
+
+
+def _held_rates(scene: Scene, mesh: Mesh, static: bool) -> list[_Terms]:
+    """Rates, in sizes of the scene, that its supports, joints, springs, ropes and gears hold."""
+    rates: list[_Terms] = [[(3 * n + i, 1.0)] for n, i in (*scene.fixed, *scene.prescribed)]
+    for joint in scene.joints:
+        ways = [(1.0, 0.0), (0.0, 1.0)]
+        if (axis := joint.direction) is not None and not _is_held(joint.slide, static):
+            ways = [(-axis[1], axis[0])]
+        rates += _partings(joint, ways, mesh.size)
+        if joint.turns_together or _is_held(joint.rotation, static):
+            rates.append(_turn(joint))
+    for force in scene.forces_between:
+        if _is_held(force.on, static):
+            rates += _stretches(scene, mesh, force)
+    for gear in scene.gears:
+        unit, rate = 1.0 if gear.column else mesh.size, _Terms()
+        for joint, name, weight in gear.terms if gear.is_ideal or _is_held(gear.on, static) else ():
+            if name == "slide":
+                rate += _partings(joint, [joint.direction], mesh.size)[0]
+            else:
+                rate += [(dof, sign * weight / unit) for dof, sign in _turn(joint)]
+        rates.append(rate)
+    return rates
+
+
+def _turn(joint: Joint) -> _Terms:
+    """Spin of b relative to a."""
+    return [(3 * joint.b.number + 2, 1.0), (3 * joint.a.number + 2, -1.0)]
+
+
+def _partings(joint: Joint, ways: list, size: float) -> list[_Terms]:
+    """Velocities of b relative to the end of its arm on a, along some directions."""
+    a, b, (arm_x, arm_y) = 3 * joint.a.number, 3 * joint.b.number, (joint.arm / size).tolist()
+    levers = [x * arm_y - y * arm_x for x, y in ways]
+    return [[*_apart(a, b, *way), (a + 2, x)] for way, x in zip(ways, levers, strict=True)]
+
+
+def _apart(a: int, b: int, x: float, y: float) -> _Terms:
+    """Velocity of b relative to a along (x, y), by their first degrees of freedom."""
+    return [(b, x), (b + 1, y), (a, -x), (a + 1, -y)]
+
+
+def _stretches(scene: Scene, mesh: Mesh, line: Any) -> list[_Terms]:
+    """Rates of the length of a line, or of what it holds to the ground."""
+    if line.to_ground and line.direction is None:
+        return [[(3 * line.target.number + 2, 1.0)]]
+    if line.to_ground:
+        nodes = mesh.nodes_of(scene, line.target)
+        ways = zip(nodes.tolist(), line.ways(mesh.X[nodes]).tolist(), strict=True)
+        return [[(3 * node, x), (3 * node + 1, y)] for node, (x, y) in ways]
+    drums = getattr(line, "drums", ())
+    rate = [(3 * node + 2, radius / mesh.size) for node, radius in drums]
+    parts = line.straight(np.array(line.apart, dtype=float)).tolist()
+    for a, b, (x, y) in zip(line.nodes, line.nodes[1:], parts, strict=False):
+        length = math.hypot(x, y)
+        rate += _apart(3 * a, 3 * b, x / length, y / length)
+    return [rate]
 
 
 def _is_held(coordinate: Coordinate | None, static: bool) -> bool:
@@ -191,7 +206,7 @@ def _is_held(coordinate: Coordinate | None, static: bool) -> bool:
 def _motion(rows) -> np.ndarray | None:
     """Rates (n,) in the null space of the rows, or None."""
     n = rows.shape[1]
-    allowed, settled = (_all if isinstance(rows, np.ndarray) else _some)(rows)
+    allowed, settled = null_space(rows, _ROUNDING)
     if not allowed.size:
         return None
     # Of all possible motions the one that moves a single column most is simplest to describe.
@@ -200,22 +215,21 @@ def _motion(rows) -> np.ndarray | None:
     return settled(most)[:, 0]
 
 
-def _all(rows: np.ndarray) -> tuple[np.ndarray, Callable]:
-    """Unit motions (n, k) in the null space of a few rows, and the projection on this space."""
-    largest = np.sqrt((rows**2).sum(axis=0).max()) or 1.0
-    few = len(rows) < rows.shape[1]  # of more, those to the left need memory by their square
-    _, violations, motions = np.linalg.svd(rows, full_matrices=few)
-    violations = np.append(violations, np.zeros(len(motions) - len(violations)))
-    allowed = motions[violations <= _ROUNDING * largest].T
-    return allowed, lambda motion: allowed @ (allowed.T @ motion)
+def null_space(rows, least: float) -> tuple[np.ndarray, Callable]:
+    """Unit motions (n, k) that rows (m, n) see by up to a least part of the largest column.
 
-
-def _some(rows: scipy.sparse.csr_matrix) -> tuple[np.ndarray, Callable]:
-    """A few motions (n, k) of the null space, by inverse iteration on the normal equations.
-
-    The iteration finds candidates with the round-off of squares, so the rows themselves decide.
+    And the projection on them. Of a sparse matrix a few of the motions, by inverse iteration on the
+    normal equations: it has the round-off of squares, so the rows themselves decide.
     """
-    n, normal = rows.shape[1], (rows.T @ rows).tocsc()
+    n = rows.shape[1]
+    if isinstance(rows, np.ndarray):
+        largest = np.sqrt((rows**2).sum(axis=0).max(initial=0.0)) or 1.0
+        few = len(rows) < n  # of more, those to the left need memory by their square
+        _, seen, motions = np.linalg.svd(rows, full_matrices=few)
+        seen = np.append(seen, np.zeros(len(motions) - len(seen)))
+        allowed = motions[seen <= least * largest].T
+        return allowed, lambda motion: allowed @ (allowed.T @ motion)
+    normal = (rows.T @ rows).tocsc()
     largest = normal.diagonal().max() or 1.0
     shifted = normal + _SHIFT * largest * scipy.sparse.identity(n, format="csc")
     options = {"SymmetricMode": True}
@@ -229,8 +243,8 @@ def _some(rows: scipy.sparse.csr_matrix) -> tuple[np.ndarray, Callable]:
     motions = settled(np.random.default_rng(0).standard_normal((n, min(n, _SOUGHT))))
     # Zero rows are added, as there may be fewer rows than motions.
     violated = np.vstack([rows @ motions, np.zeros((motions.shape[1],) * 2)])
-    _, violations, mixed = np.linalg.svd(violated, full_matrices=False)
-    return motions @ mixed[violations <= _ROUNDING * np.sqrt(largest)].T, settled
+    _, seen, mixed = np.linalg.svd(violated, full_matrices=False)
+    return motions @ mixed[seen <= least * np.sqrt(largest)].T, settled
 
 
 # What gives a part mass, by its kind.
@@ -285,14 +299,15 @@ def check_loops(scene: Scene, reduction: Reduction, loops: Loops) -> None:
     If they do so also in a configuration near by, joints are redundant, otherwise the start is
     singular.
     """
-    couplings = reduction.couplings
-    rank, left, right = _rank(reduction, loops)
-    redundant = len(loops) - rank
+    G = reduction.maps.closure_derivatives()
+    stresses = _dependences(G)
+    redundant = stresses.shape[1]
     if not redundant:
         return
-    if len(right) and _rank_near_by(reduction, loops, right) > rank:
+    motions = null_space(G.toarray(), _DEPENDENT)[0].T
+    if len(motions) and _dependences_near_by(reduction, loops, motions) < redundant:
         raise SceneError(f"start: {loops.singularity}. Start from a position beside it")
-    forces = _self_stress(scene, couplings, loops, left)
+    forces = _self_stress(scene, reduction.couplings, loops, stresses.T * loops.lengths)
     sizes = np.linalg.norm(forces, axis=(1, 2))
     connections: list[Any] = [*scene.joints, *scene.gears]
     carrying = [joint for joint in connections if sizes[joint.number] > _DEPENDENT * sizes.max()]
@@ -310,52 +325,25 @@ def check_loops(scene: Scene, reduction: Reduction, loops: Loops) -> None:
     )
 
 
-def _rank(reduction: Reduction, loops: Loops) -> tuple[int, np.ndarray, np.ndarray]:
-    """Rank of the closures, combinations (n, closures) that vanish, and motions (n, unknowns)."""
-    sparse = reduction.maps.closure_derivatives()
-    if len(loops) > _FEW and _are_independent(sparse):
-        return len(loops), np.empty((0, len(loops))), np.empty((0, sparse.shape[1]))
-    G = sparse.toarray()
-    parts = [np.linalg.svd(G[block]) for block in loops.blocks]
-    largest = max([1e-300, *(values.max(initial=0.0) for _, values, _ in parts)])
-    ranks = [int(np.count_nonzero(values > _DEPENDENT * largest)) for _, values, _ in parts]
-    left = block_diag(*(part[0][:, rank:] for part, rank in zip(parts, ranks, strict=True)))
-    right = block_diag(*(part[2][rank:] for part, rank in zip(parts, ranks, strict=True)))
-    return sum(ranks), left.T * loops.lengths, right
+def _dependences(G: scipy.sparse.csr_matrix) -> np.ndarray:
+    """Combinations (closures, n) of closures that no motion changes."""
+    if G.shape[0] > _FEW and not null_space(G.T.tocsr(), 10 * _DEPENDENT)[0].size:
+        return np.empty((G.shape[0], 0))  # surely
+    return null_space(G.toarray().T, _DEPENDENT)[0]
 
 
-def _are_independent(G: scipy.sparse.csr_matrix) -> bool:
-    """Whether the least singular value of many rows is surely above what counts as zero."""
-    n, columns = G.shape
-    G = G / np.sqrt(abs(G).sum(axis=0).max() * abs(G).sum(axis=1).max())  # at most 1
-    # Inverse iteration with G G^T, without its squares; the rows themselves decide.
-    system = scipy.sparse.bmat([[scipy.sparse.identity(columns), G.T], [G, None]], "csc")
-    x = np.random.default_rng(0).standard_normal((n, _SOUGHT))
-    try:
-        factors = splu(system)
-    except RuntimeError:  # it is singular
-        return False
-    for _ in range(_CORRECTIONS):
-        sides = np.vstack([np.zeros((columns, _SOUGHT)), x])
-        x = factors.solve(sides)[columns:]
-        if not np.isfinite(x).all():
-            return False
-        x = np.linalg.qr(x)[0]
-    return bool(np.linalg.svd(G.T @ x, compute_uv=False).min() > 10 * _DEPENDENT)
-
-
-def _rank_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> int:
-    """Rank of the closures after a small motion that keeps the loops closed; 0 if there is none."""
+def _dependences_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> int:
+    """Number of dependences after a small motion that keeps the loops closed; all if none does."""
     y = np.zeros(reduction.free)
     change = _AWAY * np.random.default_rng(0).choice([-1.0, 1.0], len(motions)) @ motions
     for _ in range(_CLOSURES):
         y[loops.unknowns] += change * loops.unit[loops.unknowns]
         closure = loops.lengths * reduction.closures_at(y, np.zeros(reduction.driven))
+        G = reduction.maps.closure_derivatives()
         if abs(closure).max() < 1e-13 * loops.size:
-            return _rank(reduction, loops)[0]
-        G = reduction.maps.closure_derivatives().toarray()
-        change = -np.linalg.lstsq(G, closure, rcond=_DEPENDENT)[0]
-    return 0
+            return _dependences(G).shape[1]
+        change = -np.linalg.lstsq(G.toarray(), closure, rcond=_DEPENDENT)[0]
+    return len(loops)
 
 
 def _self_stress(scene: Scene, couplings: Couplings, loops: Loops, left: np.ndarray) -> np.ndarray:
