@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -15,8 +16,6 @@ from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
 # Loops are changed only if the number of joints in all loops falls below this part of it.
 _SHORTER = 0.7
-# What joints and supports hold.
-_COMPONENTS = "displacement in x", "displacement in y", "rotation"
 
 
 @dataclass(frozen=True)
@@ -51,9 +50,6 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     turning = [joint for joint in joints if joint.turns_together]
     joints = _for_short_loops(joints, supports)
     grown = [_forest(members, i, supports) for i, members in enumerate((joints, joints, turning))]
-    for i, (forest, closing) in enumerate(grown):
-        if closing:
-            _check_loops(scene, _Ways(forest, closing), i, beam_nodes[i])
     forests, closed = zip(*grown, strict=True)
     return list(forests), list(closed)
 
@@ -148,44 +144,17 @@ class _Ways:
             count[self.parents[k]] += count[k]
         return count[:-1]
 
-    def up(self, k: int, top: int) -> list[Branch]:
-        """Branches of the way from one up to another one."""
-        way = list[Branch]()
-        while k != top:
-            way.append(self.forest[k])
-            k = self.parents[k]
-        return way
 
-
-def _check_loops(scene: Scene, ways: _Ways, component: int, beam_nodes: set[int]) -> None:
-    """Refuse loops that over-constrain: those without an arm or a node on a beam."""
-    turning = component == 2
-    rigid = ways.sums(np.array([not branch.joint.is_selection for branch in ways.forest]))
-    arms = rigid[ways.a] + rigid[ways.b] - 2 * rigid[ways.meeting]
-    for joint, a, b, top, many in zip(
-        ways.closing, ways.a, ways.b, ways.meeting, arms, strict=True
-    ):
-        if not turning and (many or not joint.is_selection):
-            continue
-        way_a, way_b = ways.up(a, top), ways.up(b, top)
-        first = way_a[-1].parent if way_a else joint.a.number
-        last = way_b[-1].parent if way_b else joint.b.number
-        meets_beam = first != last and not beam_nodes.isdisjoint({first, last})
-        if meets_beam and not (turning and joint.rotation is not None):
-            continue
-        up_a, up_b = [x.joint for x in way_a], [x.joint for x in way_b]
-        loop, kind = [*up_b, *reversed(up_a), joint], _COMPONENTS[component]
-        reason = f"they close a loop in which each joint couples the {kind}"
-        if first != last:
-            loop = [*reversed(up_b), joint, *up_a][:: 1 if first < last else -1]
-            ends = sorted((first, last))
-            names = [str(GROUND if n == GROUND.number else scene.nodes[n]) for n in ends]
-            reason = f"the {kind} of {names[0]} and of {names[1]} are both supported; support one "
-            reason += "of them only"
-        raise SceneError(
-            f"over-constrained: {'; '.join(map(str, loop))}: {reason}. Remove one of them, or "
-            "release a degree of freedom by a slide, a free rotation, or a beam between the nodes"
-        )
+def loop_through(forest: list[Branch], joint: Joint) -> tuple[list[Joint], list[int]]:
+    """Joints of the loop that one closes, by number; the roots at its ends, if these are two."""
+    joints, pulls = [joint], Counter({joint.b.number: 1})
+    pulls[joint.a.number] -= 1
+    for branch in reversed(forest):
+        if pull := pulls.pop(branch.node, 0):
+            joints.append(branch.joint)
+            pulls[branch.parent] += pull
+    ends = sorted(node for node, pull in pulls.items() if pull)
+    return sorted(joints, key=lambda joint: joint.number), ends
 
 
 def _for_short_loops(joints: list[Joint], supports: list[set[int]]) -> list[Joint]:

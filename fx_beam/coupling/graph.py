@@ -18,7 +18,7 @@ from fx_beam.scene.joints import GROUND, Joint, joints_by_number, missing_joints
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
-from .forest import Branch, grown_forests
+from .forest import Branch, grown_forests, loop_through
 
 if TYPE_CHECKING:
     from fx_beam.scene.gears import Gear
@@ -29,6 +29,8 @@ Entry = tuple[int, int, float]
 # sums then have as many entries as the second, or the few more of one joint. More entries make more
 # products in the tangent, more auxiliary unknowns make it larger.
 _LONG, _REACH = 14, 6
+# What joints and supports hold.
+_COMPONENTS = "displacement in x", "displacement in y", "rotation"
 # Key of the ground's column, which is fixed.
 _GROUND = ("ground",)
 
@@ -242,6 +244,8 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     gears = [gear for gear in scene.gears if gear.is_ideal]
     closures = [sums.closure(joint, i) for i in range(3) for joint in closing[i]]
     closures += [sums.gear(gear, 2 * g) for g, gear in enumerate(gears)]
+    for closure in closures:
+        _check_closure(scene, closure, forests, columns)
     sign = np.zeros((3, scene.joint_count))
     for i, branch in ((i, branch) for i, forest in enumerate(forests) for branch in forest):
         sign[i, branch.joint.number] = branch.sign
@@ -268,6 +272,31 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     if couplings.sliding:
         return replace(couplings, sliding=_sliding_in_order(scene, mesh, couplings))
     return couplings
+
+
+def _check_closure(
+    scene: Scene, closure: Closure, forests: list[list[Branch]], columns: _Columns
+) -> None:
+    """Refuse a closure that no column moves, or of rotations with a motor, which has no entry."""
+    joint, i = closure.joint, closure.component
+    held = range(columns.free, columns.count - sum(map(len, columns.carried.values())))
+    is_driven = i == 2 and getattr(joint, "rotation", None) is not None
+    if not is_driven and any(column not in held for column, _, _ in closure.entries):
+        return
+    if not isinstance(joint, Joint):
+        raise SceneError(
+            f"over-constrained: {joint}: both of its joints are held. Remove it, or a support "
+            "or motor of one of them"
+        )
+    (joints, roots), kind = loop_through(forests[i], joint), _COMPONENTS[i]
+    reason = f"they close a loop in which each joint couples the {kind}"
+    if roots:
+        a, b = (GROUND if node == GROUND.number else scene.nodes[node] for node in roots)
+        reason = f"the {kind} of {a} and of {b} are both supported; support one of them only"
+    raise SceneError(
+        f"over-constrained: {'; '.join(map(str, joints))}: {reason}. Remove one of them, or "
+        "release a degree of freedom by a slide, a free rotation, or a beam between the nodes"
+    )
 
 
 def _all_entries(column: np.ndarray, sums: dict[int, list[Entry]]) -> Entries:
@@ -401,11 +430,6 @@ class _Sums:
                 continue
             turns = _difference(*(self._at(node.number, 2) for node in (joint.b, joint.a)))
             entries += [(column, value, sign) for column, _, sign in turns]
-        if all(column >= self._columns.free for column, _, _ in entries):
-            raise SceneError(
-                f"over-constrained: {gear}: both of its joints are held. Remove it, or a support "
-                "or motor of one of them"
-            )
         return Closure(gear, gear.column, entries)
 
 

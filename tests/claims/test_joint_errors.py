@@ -119,7 +119,7 @@ TURNS = {0: ("x", "y", "rotation"), 1: ("rotation",)}
         (
             [(0, 1), (1, 2)],
             FIXED,
-            "joint 1, .*joint 0, .*the displacement in x of node 0 .* and of node 6 .* both "
+            "joint 0, .*joint 1, .*the displacement in x of node 0 .* and of node 6 .* both "
             "supported; support one of",
         ),
         ([(-1, 2)], FIXED, "displacement in x of the ground and of node 6 .* both supported"),
