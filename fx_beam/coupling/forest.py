@@ -97,52 +97,36 @@ def _forest(
     return forest, closing
 
 
-class _Ways:
-    """Ways up a forest from both nodes of each joint that closes a loop, to where they meet.
+def _loops_through(forest: list[Branch], closing: list[Joint]) -> list[int]:
+    """Number (branches,) of loops through each branch: up from both nodes to where these meet."""
+    number = {branch.node: k for k, branch in enumerate(forest)}
+    # The last branch, -1, is above all roots.
+    parents = np.array([*(number.get(branch.parent, -1) for branch in forest), -1])
+    depth = np.zeros(len(parents), dtype=int)
+    for k in range(len(forest)):
+        depth[k] = 1 + depth[parents[k]]
+    ends = zip(*((joint.a.number, joint.b.number) for joint in closing), strict=True)
+    a, b = (np.array([number.get(node, -1) for node in nodes]) for nodes in ends)
+    count = np.zeros(len(parents), dtype=int)
+    for branches, loops in ((a, 1), (b, 1), (_meeting(parents, depth, a, b), -2)):
+        np.add.at(count, branches, loops)
+    for k in reversed(range(len(forest))):
+        count[parents[k]] += count[k]
+    return count[:-1].tolist()
 
-    Branches have numbers; the last one, -1, is above all roots.
-    """
 
-    def __init__(self, forest: list[Branch], closing: list[Joint]):
-        self.forest, self.closing = forest, closing
-        number = {branch.node: k for k, branch in enumerate(forest)}
-        parents = [number.get(branch.parent, -1) for branch in forest]
-        self.parents = np.append(parents, -1).astype(int)
-        self._depth = self.sums(np.ones(len(parents), dtype=int))
-        #: First branches of the ways up from nodes a and b, and the one where these meet.
-        self.a, self.b = (
-            np.array([number.get(node.number, -1) for node in nodes])
-            for nodes in zip(*((joint.a, joint.b) for joint in closing), strict=True)
-        )
-        self.meeting = self._meeting(self.a, self.b)
-
-    def sums(self, values: np.ndarray) -> np.ndarray:
-        """Sums of values of branches from each one up."""
-        total = [*values.tolist(), 0]
-        for k, parent in enumerate(self.parents[:-1].tolist()):
-            total[k] += total[parent]
-        return np.array(total)
-
-    def _meeting(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        strides = [self.parents]  # up by powers of two
-        while (strides[-1] >= 0).any():
-            strides.append(strides[-1][strides[-1]])
-        for k, up in reversed([*enumerate(strides)]):  # to the same depth
-            deeper = self._depth[a] - self._depth[b]
-            a, b = np.where(deeper >= 1 << k, up[a], a), np.where(-deeper >= 1 << k, up[b], b)
-        for up in reversed(strides):
-            apart = up[a] != up[b]
-            a, b = np.where(apart, up[a], a), np.where(apart, up[b], b)
-        return np.where(a == b, a, self.parents[a])
-
-    def through(self) -> np.ndarray:
-        """Number of loops through each branch."""
-        count = np.zeros(len(self.parents), dtype=int)
-        for ends, loops in ((self.a, 1), (self.b, 1), (self.meeting, -2)):
-            np.add.at(count, ends, loops)
-        for k in reversed(range(len(self.forest))):
-            count[self.parents[k]] += count[k]
-        return count[:-1]
+def _meeting(parents: np.ndarray, depth: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Branches at which the ways up from branches a and b meet."""
+    strides = [parents]  # up by powers of two
+    while (strides[-1] >= 0).any():
+        strides.append(strides[-1][strides[-1]])
+    for k, up in reversed([*enumerate(strides)]):  # to the same depth
+        deeper = depth[a] - depth[b]
+        a, b = np.where(deeper >= 1 << k, up[a], a), np.where(-deeper >= 1 << k, up[b], b)
+    for up in reversed(strides):
+        apart = up[a] != up[b]
+        a, b = np.where(apart, up[a], a), np.where(apart, up[b], b)
+    return np.where(a == b, a, parents[a])
 
 
 def loop_through(forest: list[Branch], joint: Joint) -> tuple[list[Joint], list[int]]:
@@ -170,7 +154,7 @@ def _for_short_loops(joints: list[Joint], supports: list[set[int]]) -> list[Join
         forest, closing = _forest(order, 0, supports)
         if len(closing) < 2:
             return joints
-        counts = [*_Ways(forest, closing).through().tolist(), *[1] * len(closing)]
+        counts = [*_loops_through(forest, closing), *[1] * len(closing)]
         names = [id(joint) for joint in (*(branch.joint for branch in forest), *closing)]
         lengths.append(sum(counts))
         closed_by.append({*names[len(forest) :]})
