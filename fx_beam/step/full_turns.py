@@ -11,6 +11,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.joints import GROUND
 
 from .model import Model, fact
+from .units import turning_together
 
 _ROTATION = 2  # among the components of a node
 #: Steps after which full turns are counted.
@@ -60,24 +61,19 @@ def _members(model: Model) -> list[np.ndarray]:
     scene, mesh = model.scene, model.mesh
     if scene.virtual_works:
         return []  # their expressions may depend on full turns
-    none = np.empty(0, dtype=int)
-    a = [none, *(nodes[:-1] for nodes in mesh.nodes)]
-    b = [none, *(nodes[1:] for nodes in mesh.nodes)]
+    ends = turning_together(scene)
+    apart = (ends >= 0).all(axis=1)
+    pairs = [ends[apart], *(np.stack([nodes[:-1], nodes[1:]], axis=1) for nodes in mesh.nodes)]
     counted = {node for node, part in {*scene.fixed, *scene.prescribed} if part == _ROTATION}
+    counted |= {*ends[~apart].ravel().tolist()}
     for joint in scene.joints:
-        ends = [node.number for node in (joint.a, joint.b) if node is not GROUND]
         rotation = joint.rotation
-        if joint.turns_together and len(ends) == 2:
-            a.append(np.array(ends[:1]))
-            b.append(np.array(ends[1:]))
-        elif joint.turns_together:
-            counted |= {*ends}
         if rotation is not None and (rotation.acts or rotation.motor):
-            counted |= {*ends}
-    counted |= {node.number for gear in scene.gears for node in gear.nodes} - {GROUND.number}
+            counted |= {joint.a.number, joint.b.number}
+    counted |= {node.number for gear in scene.gears for node in gear.nodes}
     counted |= {node for f in scene.forces_between for node, _ in getattr(f, "drums", ())}
-    pairs = np.array([np.concatenate(a), np.concatenate(b)])
-    group_numbers = connected_parts(pairs, len(mesh.X))
+    counted.discard(GROUND.number)
+    group_numbers = connected_parts(np.concatenate(pairs).T, len(mesh.X))
     order = np.argsort(group_numbers, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(group_numbers))[:-1])
     counted_groups = set(group_numbers[list(counted)])

@@ -48,16 +48,16 @@ class Units:
         return unit
 
 
+def turning_together(scene: Scene) -> np.ndarray:
+    """Pairs (n, 2) of nodes that joints let turn together only; -1 is the ground."""
+    pairs = [(joint.a.number, joint.b.number) for joint in scene.joints if joint.turns_together]
+    return np.reshape(pairs, (-1, 2)).astype(int)
+
+
 def only_turn(scene: Scene, mesh: Mesh) -> np.ndarray:
     """Which nodes (n,) are in no element, and turn together with none that is or lies elsewhere."""
-    pairs = np.array(
-        [
-            (joint.a.number, joint.b.number)
-            for joint in scene.joints
-            if joint.turns_together and GROUND not in (joint.a, joint.b)
-        ],
-        dtype=int,
-    ).reshape(-1, 2)
+    pairs = turning_together(scene)
+    pairs = pairs[(pairs >= 0).all(axis=1)]
     displacing = np.zeros(len(mesh.X), dtype=bool)
     displacing[mesh.elements.ravel()] = True
     geared = {node.number for gear in scene.gears if gear.is_ideal for node in gear.nodes}
