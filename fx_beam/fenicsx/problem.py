@@ -209,7 +209,7 @@ class Problem(Steps):
             exception's.
         """
         options = Options(what="run", dt=self.dt, t_end=t_end, record=record)
-        times, _ = options.grid(self.t, goes_on=True)
+        times = options.plan(self.t, goes_on=True).times
         prepared, stats = self._prepared, self._prepared.stats
         recorder = Recorder(self._equations.model, times, options.record)
         rows = ReplacedRows(self._equations.assembly, recorder)

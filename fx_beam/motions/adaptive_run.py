@@ -17,7 +17,7 @@ from fx_beam.step.step_control import AVERAGED, StepControl
 from fx_beam.step.stepper import Stepper, Trial
 
 from .initial_state import Starts
-from .options import Tolerance
+from .options import StepPlan
 
 # Steps that are prepared at once: at first, after a change of their length, and at most.
 _FIRST_BLOCK, _LARGEST_BLOCK = 16, 1024
@@ -26,6 +26,9 @@ _TRIALS = 40
 # Distance from a break, relative to the whole time, and by how much a driven motion that jumps
 # there differs on both sides, in units of the scene.
 _BESIDE, _LEAST_JUMP = 1e-12, 1e-9
+# Length of a step in which what is driven moves at once, relative to the whole time: as a fraction
+# of the tolerance, and at least.
+_MOVED, _LEAST_MOVED = 1e-2, 1e-9
 # Shortest steps for a short contact, relative to the whole time.
 _LEAST = 1e-8
 # What may help where Newton's method fails.
@@ -38,22 +41,18 @@ class AdaptiveRun:
     After each break, trial steps find the first length.
     """
 
-    def __init__(
-        self, stepper: Stepper, recorder: Recorder, tolerance: Tolerance, single: bool = False
-    ):
+    def __init__(self, stepper: Stepper, recorder: Recorder, plan: StepPlan, single: bool = False):
         self._stepper, self._recorder, self._stats = stepper, recorder, stepper.stats
         self._state = stepper.loop.state
-        self._control = StepControl(
-            stepper.model, tolerance.value, tolerance.span, tolerance.longest
-        )
-        self._control.begin(tolerance.first)
-        self._tolerance = tolerance
+        self._control = StepControl(stepper.model, plan.tolerance, plan.span, plan.longest)
+        self._control.begin(plan.first)
+        self._plan = plan
         # The local error of a scheme of order 2 is right also where accelerations have a kink.
         self._watch = self._control.order > 2
         #: Whether functions of time move the kinks of laws.
         self._kinks_move = self._watch and stepper.model.forms.parameters.vary
         #: Times at which steps end [s], and those of them behind which driven motions jump.
-        self._breaks, self._jumps = self._with_jumps(self._state.t, tolerance)
+        self._breaks, self._jumps = self._with_jumps(self._state.t, plan)
         if self._jumps and (single or stepper.loop.tape is not None):
             raise SceneError(
                 f"tolerance: a prescribed motion or a motor jumps at t = {self._jumps[0]:.6g}, "
@@ -67,18 +66,18 @@ class AdaptiveRun:
         #: Ends of steps at which a contact or a law has switched [s].
         self.events: list[float] = []
 
-    def _with_jumps(self, t: float, tolerance: Tolerance) -> tuple[list[float], list[float]]:
+    def _with_jumps(self, t: float, plan: StepPlan) -> tuple[list[float], list[float]]:
         """Breaks, which are just before the jumps of driven motions, and the times of these."""
-        inset = [_BESIDE * tolerance.span + 4 * math.ulp(b) for b in tolerance.breaks]
-        ends = [b - by for b, by in zip(tolerance.breaks, inset, strict=True)]
-        behind = [b + by for b, by in zip(tolerance.breaks, inset, strict=True)]
-        times = np.array([[t, *ends[:-1]], [t + _BESIDE * tolerance.span, *behind[:-1]]])
+        inset = [_BESIDE * plan.span + 4 * math.ulp(b) for b in plan.breaks]
+        ends = [b - by for b, by in zip(plan.breaks, inset, strict=True)]
+        behind = [b + by for b, by in zip(plan.breaks, inset, strict=True)]
+        times = np.array([[t, *ends[:-1]], [t + _BESIDE * plan.span, *behind[:-1]]])
         forcing, model = self._stepper.loop.forcing, self._stepper.model
         driven = floats(forcing.series(times.ravel())).reshape(*times.shape, -1)
         size = np.append(model.units.nodes[model.prescribed], np.full(len(model.data.motors), 1.0))
         is_jump = (abs(driven[1] - driven[0]) > _LEAST_JUMP * size).any(axis=1)
-        breaks = np.where(is_jump[1:], ends[:-1], tolerance.breaks[:-1]).tolist()
-        return [*breaks, tolerance.breaks[-1]], times[0, is_jump].tolist()
+        breaks = np.where(is_jump[1:], ends[:-1], plan.breaks[:-1]).tolist()
+        return [*breaks, plan.breaks[-1]], times[0, is_jump].tolist()
 
     def _jump(self) -> None:
         """Move at once what is driven; masses have the rates before, but for what dampers do.
@@ -86,7 +85,8 @@ class AdaptiveRun:
         By a very short step, whose rates do not stay; it has no row.
         """
         stepper, old = self._stepper, self._state.read()
-        model, t1 = stepper.model, old.t + self._tolerance.instant
+        model, plan = stepper.model, self._plan
+        t1 = old.t + max(_MOVED * plan.tolerance, _LEAST_MOVED) * plan.span
         moved = stepper.trial(old, t1).state
         if moved is None:
             raise stepper.error(t1, _ADVICE)
@@ -145,7 +145,7 @@ class AdaptiveRun:
     @property
     def _least(self) -> float:
         """Segments of motion between events are not divided further [s]."""
-        return _LEAST * self._tolerance.span
+        return _LEAST * self._plan.span
 
     def _matters(self, state: State, t1: float) -> bool:
         """Whether a step to t1 [s] and two of half its length end in different configurations."""
@@ -232,7 +232,7 @@ class AdaptiveRun:
                 longest = min(longest, control.length)
                 continue
             # Only the first length may be far too small; at breaks a trial is lost time.
-            search = self._tolerance.search and stats.steps == 0
+            search = self._plan.search and stats.steps == 0
             self._halvings = 0
             if ratio is not None and ratio > 1:
                 # Longer trials may reach a contact that shorter ones do not: do not try them again.

@@ -113,14 +113,14 @@ def begun(
     if start is not None or (old is not None and old.options is not options):
         old = None
     t0 = 0.0 if start is None else end_of(start).t
-    grid = options.grid(t0, start is not None) if old is None else old.grid
+    plan = options.plan(t0, start is not None) if old is None else old.plan
     if options.until:
         check_outputs(scene, options.outputs or {}, f"{options.what}: outputs")
     call_with_arrays(scene)
     connected = with_functions(scene, options.inputs, f"{options.what}: inputs")
     warn_of_equal_work()
     prepared = (prepare if series is None else series.prepare)(connected, options)
-    run = Run(prepared, scene, start, grid, series is not None, old)
+    run = Run(prepared, scene, start, plan, series is not None, old)
     if series is not None:
         series.begin_tape(prepared)
     prepared.stats.setup_seconds = time.perf_counter() - clock

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -41,41 +41,6 @@ Condition = Callable[[float, dict[str, Any]], object]
 #: Largest number of steps; their times alone take 0.8 GB.
 MOST_STEPS = 1e8
 _CONDITIONS = "a function of time and outputs, or a dictionary of such functions by names"
-
-
-class Tolerance:
-    """The options of a run with controlled steps, checked."""
-
-    def __init__(self, options: Options, t0: float):
-        tolerance, dt, dt_max = options.tolerance, options.dt, options.dt_max
-        t_end, breaks = options.t_end, options.breaks
-        ok = _LEAST <= as_float(tolerance) <= _MOST
-        require(ok, "tolerance", tolerance, f"a number from {_LEAST:g} to {_MOST:g}")
-        if not t_end - t0 >= 1 / LARGEST:
-            since = f"the start at t = {t0:g}" if t0 else "0"
-            raise SceneError(f"t_end = {t_end!r} must be after {since}")
-        shortest = _SHORTEST * (t_end - t0)
-        for name, value in (("dt", dt), ("dt_max", dt_max)):
-            ok = value is None or (is_number(value) and as_float(value) >= shortest)
-            expected = f"a positive number, at least {_SHORTEST:g} of the whole time"
-            require(ok, name, value, expected)
-        inner = real_array(breaks)
-        ok = inner.ndim == 1 and bool(np.isfinite(inner).all())
-        require(ok, "breaks", breaks, "a sequence of finite times")
-        #: The tolerance, and the whole time [s].
-        self.value, self.span = as_float(tolerance), t_end - t0
-        longest = _LONGEST * self.span if dt_max is None else as_float(dt_max)
-        #: Length of a step in which what is driven moves at once [s].
-        self.instant = max(1e-2 * self.value, 1e-9) * self.span
-        #: Length of the largest step, and of the first one that is tried [s].
-        self.longest = min(longest, self.span)
-        self.first = min(self.span / 1000 if dt is None else as_float(dt), self.longest)
-        #: Whether a better first length is looked for.
-        self.search = dt is None
-        least = 1e-9 * self.span
-        inner_breaks = [t for t in np.unique(inner).tolist() if t0 + least < t < t_end - least]
-        #: Times at which steps end and the control begins anew, the last of them the end [s].
-        self.breaks = [*inner_breaks, t_end]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,23 +126,64 @@ class Options(CommonOptions):
             text = f"{self.what}: a Record with a file is not possible with until or changes"
             raise SceneError(text)
 
-    def grid(self, t0: float, goes_on: bool) -> tuple[np.ndarray, Tolerance | None]:
-        """Ends of steps from t0 [s] on; or t0 alone and what controls the steps."""
+    def plan(self, t0: float, goes_on: bool) -> StepPlan:
+        """The steps from t0 [s] on."""
         require(is_number(self.t_end), "t_end", self.t_end, "a finite number")
-        if self.tolerance is None:
-            times, control = _time_grid(self.dt, self.t_end, t0, goes_on), None
-        else:
-            times, control = np.array([t0]), Tolerance(self, t0)
-            order_and_constant(self.scheme)  # refuses one whose local errors are not known
+        equal = self.tolerance is None
+        plan = _equal_steps(self, t0, goes_on) if equal else _chosen_steps(self, t0)
         if (row_times := self.record.times) is not None:
             ok = row_times[-1] >= t0 and row_times[0] <= self.t_end
             expected = f"in part within the run, from {t0:g} to {self.t_end:g} s"
             require(ok, f"{self.what}: the record's times", row_times, expected)
-        return times, control
+        return plan
 
 
-def _time_grid(dt: float | None, t_end: float, t0: float, goes_on: bool) -> np.ndarray:
-    """Ends of equal steps; a motion that goes on may end with a part of a step, as events do."""
+class StepPlan(NamedTuple):
+    """The steps of a run: all of their ends, or the limits of those that a tolerance chooses."""
+
+    #: Ends of equal steps [s]; with a tolerance the start alone.
+    times: np.ndarray
+    #: Length of the first step, or of the first one that is tried [s].
+    first: float
+    #: The tolerance; zero for equal steps.
+    tolerance: float = 0.0
+    #: The whole time, and the length of the largest step [s].
+    span: float = math.nan
+    longest: float = math.inf
+    #: Whether a better first length is looked for.
+    search: bool = False
+    #: Times at which steps end and the control begins anew, the last of them the end [s].
+    breaks: Sequence[float] = ()
+
+
+def _chosen_steps(options: Options, t0: float) -> StepPlan:
+    """Steps that are controlled by their local errors, checked."""
+    tolerance, dt, dt_max, t_end = options.tolerance, options.dt, options.dt_max, options.t_end
+    ok = _LEAST <= as_float(tolerance) <= _MOST
+    require(ok, "tolerance", tolerance, f"a number from {_LEAST:g} to {_MOST:g}")
+    if not t_end - t0 >= 1 / LARGEST:
+        since = f"the start at t = {t0:g}" if t0 else "0"
+        raise SceneError(f"t_end = {t_end!r} must be after {since}")
+    span = t_end - t0
+    for name, value in (("dt", dt), ("dt_max", dt_max)):
+        ok = value is None or (is_number(value) and as_float(value) >= _SHORTEST * span)
+        expected = f"a positive number, at least {_SHORTEST:g} of the whole time"
+        require(ok, name, value, expected)
+    breaks = real_array(options.breaks)
+    ok = breaks.ndim == 1 and bool(np.isfinite(breaks).all())
+    require(ok, "breaks", options.breaks, "a sequence of finite times")
+    order_and_constant(options.scheme)  # refuses one whose local errors are not known
+    longest = min(_LONGEST * span if dt_max is None else as_float(dt_max), span)
+    least = 1e-9 * span
+    inner = [t for t in np.unique(breaks).tolist() if t0 + least < t < t_end - least]
+    first = min(span / 1000 if dt is None else as_float(dt), longest)
+    control = span, longest, dt is None, [*inner, t_end]
+    return StepPlan(np.array([t0]), first, as_float(tolerance), *control)
+
+
+def _equal_steps(options: Options, t0: float, goes_on: bool) -> StepPlan:
+    """Equal steps; a motion that goes on may end with a part of a step, as events do."""
+    dt, t_end = options.dt, options.t_end
     choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
     dt = positive(dt, "dt", f"a positive number{choice}")
     if t_end - t0 < dt * (1e-6 if goes_on else 1 - 1e-6):
@@ -192,7 +198,7 @@ def _time_grid(dt: float | None, t_end: float, t0: float, goes_on: bool) -> np.n
     steps = math.ceil((t_end - t0) / dt - max(rounding, 1e-6))
     times = grid_from(t0, dt)(np.arange(steps + 1))
     times[0], times[-1] = t0, t_end
-    return times
+    return StepPlan(times, float(times[1] - times[0]))
 
 
 def check_scene(scene: object, caller: str) -> None:

@@ -28,7 +28,7 @@ from fx_beam.step.substeps import LARGE_TURN
 
 from .contact_check import warn_of_long_elements, warn_of_places, warn_of_sharp_bends
 from .evaluation import solution_of
-from .options import Tolerance
+from .options import StepPlan
 from .prepared import Prepared
 from .progress import attach, failure_of, progress_bar
 
@@ -134,22 +134,21 @@ class Run:
         prepared: Prepared,
         scene: Scene,
         start: Solution | None,
-        grid: tuple[np.ndarray, Tolerance | None],
+        plan: StepPlan,
         stays: bool,
         old: Run | None = None,
     ):
         self.prepared, self._scene, self._stays = prepared, scene, stays
         self._watch = Watch(scene)
-        #: What was asked for, and with it the ends of steps [s] or what controls them.
-        self.options, self.grid = prepared.options, grid
-        self.times, self._control = grid
-        model, record, control = prepared.model, prepared.options.record, self._control
+        #: What was asked for, and the steps by which it is found.
+        self.options, self.plan = prepared.options, plan
+        model, record = prepared.model, prepared.options.record
         has_file = record.file is not None
         if old is not None and old.recorder.model is model:
             recorder = old.recorder
             recorder.restart()
         else:
-            times = self.times[: 1 if has_file else None]
+            times = plan.times[: 1 if has_file else None]
             row_size = 8e-9 * model.size * (record.motion + 2 * record.rates)
             size = len(times) / record.every * row_size
             if size > _MEMORY:
@@ -166,8 +165,7 @@ class Run:
         self._events: list[float] = []
         # Number of steps after which full turns are counted.
         self._next_count = 0
-        self._first = float(self.times[1] - self.times[0]) if control is None else control.first
-        state = prepared.recorded_state(recorder, self._first, start, control is not None)
+        state = prepared.recorded_state(recorder, plan.first, start, plan.tolerance > 0)
         prepared.stepper.begin(state, recorder)
 
     def take_steps(self, finish: Callable[[], _T]) -> _T:
@@ -178,13 +176,13 @@ class Run:
             del self.recorder.end  # memory that solutions would hold
 
     def _take_steps(self, finish: Callable[[], _T]) -> _T:
-        prepared, recorder, control = self.prepared, self.recorder, self._control
-        options, stats = prepared.options, prepared.stats
+        prepared, recorder, plan = self.prepared, self.recorder, self.plan
+        options, stats, equal = prepared.options, prepared.stats, not plan.tolerance
         self._clock = time.perf_counter()
         try:
             advance, span = self._advance(), options.t_end - recorder.end.t
             # Another handler takes 20 us.
-            blocks = control is not None or options.until or len(self.times) > self._most_steps()
+            blocks = not equal or options.until or len(plan.times) > self._most_steps()
             waits = ctrl_c_waits() if blocks else nullcontext(NOTHING)
             with progress_bar(span, options.progress, **_BAR) as bar, waits as whole:
                 while (t := recorder.end.t) < options.t_end and not stats.until:
@@ -196,10 +194,10 @@ class Run:
                         self._files.save(self._of_rows)
                     bar.update(recorder.end.t - t)
             self._watch.check(options.what)
-            if control is None:
-                warn_of_parts(stats, self._first)
+            if equal:
+                warn_of_parts(stats, plan.first)
             warn_of_rounding(stats)
-            warn_of_damping(stats, None if control is not None else self._first)
+            warn_of_damping(stats, plan.first if equal else None)
             stats.seconds = time.perf_counter() - self._clock
             return finish()
         except BaseException as error:
@@ -218,13 +216,13 @@ class Run:
     def _advance(self) -> Callable[[], None]:
         """A function that takes the next steps."""
         prepared, recorder, options = self.prepared, self.recorder, self.prepared.options
-        if self._control is None:
+        if not self.plan.tolerance:
             take_steps = self._steps_of_grid(1 if options.until else full_turns.STEPS)
         else:
             from .adaptive_run import AdaptiveRun
 
             adaptive = AdaptiveRun(
-                prepared.stepper, recorder, self._control, single=bool(options.until)
+                prepared.stepper, recorder, self.plan, single=bool(options.until)
             )
             take_steps, self._events = adaptive.advance, adaptive.events
             laws = prepared.model.points.laws
@@ -240,7 +238,7 @@ class Run:
 
     def _steps_of_grid(self, most: int) -> Callable[[], None]:
         """A function that takes the next block of steps of the grid."""
-        times, recorder, steps = self.times, self.recorder, self._most_steps(most)
+        times, recorder, steps = self.plan.times, self.recorder, self._most_steps(most)
 
         def advance() -> None:
             first = self.prepared.stats.steps + 1
