@@ -138,6 +138,24 @@ def test_joints_that_hold_a_component_twice_are_refused_with_their_names(ends, f
     assert_refused(message, run, scene)
 
 
+def test_an_arm_that_is_held_names_both_supports_and_with_one_of_them_carries_the_load():
+    # A slide in its loop would not help: no motion of the arm is left.
+    for twice in (True, False):
+        scene = fb.Scene()
+        base = scene.add_body((0, 0), 1.0, 1.0).centre
+        tip = scene.add_body((2, 0), 1.0, 1.0).centre
+        scene.fix(base, "x", "rotation", *["y"] * twice)
+        scene.fix(tip, "y")
+        scene.add_joint(fb.Revolute(base, tip, offset=(2, 0)))
+        scene.add_force(base, (0.0, -3.0))
+        if twice:
+            message = r"displacement in y of node 0 .* and of node 1 .* are both supported; support"
+            assert_refused(message, fb.static, scene)
+        else:
+            scene.fix(tip, "rotation")
+            assert fb.static(scene).reaction(tip)[-1] == pytest.approx([0.0, 3.0, 0.0], abs=1e-12)
+
+
 def test_rotations_fixed_at_both_ends_of_a_hinge_are_accepted():
     scene, (a, b, _) = beams()
     scene.clamp(a.start)
