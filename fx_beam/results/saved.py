@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from typing import Any, BinaryIO
+from types import UnionType
+from typing import Any, BinaryIO, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -21,7 +23,7 @@ from .files import named
 from .records import BeamResultants, Energy, Stats
 from .section_forces import Balance
 from .solution import Solution
-from .state import ARRAYS, HISTORIES, NUMBERS, Past, State
+from .state import ARRAYS, HISTORIES, Past, State
 
 # Lengths by name; those of rows that may be missing begin with "n?".
 _SHAPES: dict[str, tuple] = {
@@ -45,9 +47,14 @@ _DTYPES = {"end_owners": "U", "end_input_names": "U", "beams_nodes": "i", "end_p
 _FINITE = {"t", "X", "q", "end_past_ages", "end_past_differences", "end_past_slides"}
 _FINITE |= {f"end_{name}" for name in ("motors", "q", "slides", "parts", "inputs", "q_previous")}
 _FINITE |= {f"end_{name}" for name in ("internal", "spring_internal", "natural")}
-# Parts of the last state that are neither numbers nor arrays, or None.
-_OF_END = {"past": Past, "constraints": Constraints}
-_OF_END |= dict.fromkeys(("unstable_modes", "negative_pivots"), int)
+# Types of what a file has of a beam.
+_OF_BEAM = {
+    "name": str,
+    "degree": int,
+    "s": list[float],
+    "fractions": list[float] | None,
+    "carriers": list[int],
+}
 #: What JSON has by its kind.
 _KINDS: dict[str, Any] = {
     kind.__name__: kind
@@ -62,18 +69,33 @@ class _OtherFormatError(ValueError):
     """A file of another version, or of something else."""
 
 
-def _check_end(end: State) -> None:
-    """Refuse a last state whose parts do not have the types of the fields of `State`."""
-    for part in (*fields(State), *(() if end.past is None else fields(Past))):
-        value, facts = getattr(end, part.name, getattr(end.past, part.name, None)), part.metadata
-        if part.name in (*NUMBERS, "impact"):
-            ok = isinstance(value, int | float) and not isinstance(value, bool)
-        elif "quantity" in facts or "shape" in facts:
-            ok = isinstance(value, np.ndarray) or (value is None and part.default is None)
-        else:
-            ok = value is None or isinstance(value, _OF_END[part.name])
-        if not ok:
-            raise ValueError(f"{part.name} of the last state is {value!r:.80}")
+_type_hints = functools.cache(get_type_hints)
+
+
+def _check_types(values: Mapping[str, Any], hints: Mapping[str, Any]) -> None:
+    """Refuse values that do not have the types of their names."""
+    for name, hint in hints.items():
+        if name in values and not _has_type(values[name], hint):
+            raise ValueError(f"{name} is {values[name]!r:.80}")
+
+
+def _has_type(value: Any, hint: Any) -> bool:
+    """Whether a value has the type of an annotation."""
+    kind, parts = get_origin(hint), get_args(hint)
+    if kind in (Union, UnionType):
+        return any(_has_type(value, part) for part in parts)
+    if hint is Any or kind is None:
+        types = (int, float) if hint is float else hint
+        is_bool = isinstance(value, bool)
+        return hint is Any or isinstance(value, types) and is_bool == (hint is bool)
+    if not isinstance(value, kind) or isinstance(value, str):
+        return False
+    if kind is dict:
+        pairs = zip(parts, (value, value.values()), strict=True)
+        return all(_has_type(item, part) for part, items in pairs for item in items)
+    if kind is not tuple or parts[-1] is Ellipsis:
+        parts = parts[:1] * len(value)
+    return len(value) == len(parts) and all(map(_has_type, value, parts))
 
 
 def _check_arrays(data: Mapping[str, np.ndarray], points: list[int], elements: int) -> None:
@@ -106,10 +128,13 @@ def _check(name: str, array: np.ndarray, shape: tuple, sizes: dict[str, int]) ->
 
 def _points(beam: dict) -> int:
     """Number of Gauss points of a beam."""
-    degree, elements = beam["degree"], len(beam["s"]) - 1
-    if degree not in (1, 2, 3) or elements < 1:
-        raise ValueError(f"beam {beam['name']!r} has {elements} elements of degree {degree}")
-    return degree * elements
+    _check_types(beam, _OF_BEAM)
+    degree, s, fractions = beam["degree"], beam["s"], beam["fractions"]
+    if degree not in (1, 2, 3) or len(s) < 2 or not (np.diff(s) > 0).all():
+        raise ValueError(f"beam {beam['name']!r} has elements of degree {degree} at {s!r:.80}")
+    if fractions is not None and len(fractions) != len(s):
+        raise ValueError(f"fractions of beam {beam['name']!r} are {fractions!r:.80}")
+    return degree * (len(s) - 1)
 
 
 def load(path) -> Solution:
@@ -191,10 +216,13 @@ def _read(raw: BinaryIO) -> Solution:
         resultants = {name: replace(BeamResultants(*row), balance=b) for name, row, b in beams}
     stability = {name: known.pop(name) for name in ("unstable_modes",) if name in known}
     end = known["end"]
-    if end is not None:
-        _check_end(end)
+    _check_types(known, _type_hints(Solution.__init__))
     if arrays or end is not None and not np.isfinite([end.t, end.length]).all():
         raise ValueError(f"{[*arrays]} belong to nothing, or the last state has no time")
+    if end is not None and end.constraints is not None:
+        numbers = {key.number for key in end.constraints.joints}
+        if not numbers <= {*range(len(end.slides))}:
+            raise ValueError(f"the last state has slides of {len(end.slides)} joints")
     return Solution(
         # Files of the first version have no forces along lines.
         {name: known.pop(name, np.empty((0, 0))) for name in HISTORIES},
@@ -244,7 +272,9 @@ class _Parts:
         if kind == "is":
             # Files of the first version have iterations of a solver that is no longer there.
             known = {name: part for name, part in rest if name != "krylov_iterations"}
-            return _KINDS[content](**{name: self.read(part) for name, part in known.items()})
+            values = {name: self.read(part) for name, part in known.items()}
+            _check_types(values, _type_hints(_KINDS[content]))
+            return _KINDS[content](**values)
         if kind == "keys":
             return dict(zip(content, self.read(packed["values"]), strict=True))
         parsers: dict[str, Any] = {"array": self._arrays.pop, "node": self.node}

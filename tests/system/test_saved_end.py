@@ -1,6 +1,7 @@
 """The last state of a solution in a file: what is damaged is refused, or ends with an error."""
 
 import json
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -98,3 +99,68 @@ def test_a_start_that_is_lost_ends_with_an_error_where_members_touch(node, value
             fb.simulate(scene, dt=1e-3, t_end=7e-3, start=start, max_halvings=1)
     finally:
         start.end.q[node, 0] = known
+
+
+@pytest.fixture(scope="module")
+def mobile():
+    """A rope over a body on a pin and a ball that touches a floor, and what it is a file of."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0)
+    bar = scene.add_beam([(0, 0), (1, 0)], section, elements=2, name="bar")
+    scene.pin(bar.start)
+    arm, ball = (scene.add_body((x, 0.5), mass=1.0, inertia=0.1) for x in (1, 2))
+    joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.centre, spring=fb.Spring(1.0)))
+    floor = fb.Line((0, 0.4), (0, 1))
+    scene.add_contact(ball.centre, floor, stiffness=1e4, radius=0.1, friction=fb.Coulomb(0.1, 1e3))
+    rope = scene.add_rope([arm.centre, ball.centre], spring=fb.Spring(1e3))
+    return scene, fb.simulate(scene, dt=1e-3, t_end=3e-3), (bar, joint, rope)
+
+
+def places(part, path=()):
+    """All places in JSON, by their keys."""
+    keys = part if isinstance(part, dict) else range(len(part)) if isinstance(part, list) else ()
+    yield from ((*path, key) for key in keys)
+    for key in keys:
+        yield from places(part[key], (*path, key))
+
+
+def read_all(solution, scene, bar, joint, rope):
+    """Read all that a solution has, and go on from it."""
+    repr((solution, solution.stats, solution.end)), solution._repr_html_()
+    solution.resultants(bar).at(0.3), solution.resultants("bar").ends, solution.shape(bar)
+    solution.joint(joint).force, solution.joint(rope).length, solution.energy.balance_error
+    for contact in solution.contacts:
+        solution.contact(contact).gap, solution.contact(contact).slip
+    for member in (*solution.beams.values(), *solution.bodies.values()):
+        repr(member), [solution.position(node) for node in member.nodes]
+    fb.simulate(scene, dt=1e-3, t_end=5e-3, start=solution)
+
+
+TEXTS = "x", -1, 10**6, 0.5, None, True, [1.0], {"tuple": []}, "gone"
+
+
+@pytest.mark.parametrize("first", [0, 4])
+def test_a_text_with_a_damage_at_any_place_is_refused_or_read_without_raw_errors(
+    first, mobile, tmp_path
+):
+    scene, solution, parts = mobile
+    solution.save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as file:
+        arrays = dict(file)
+    text = str(arrays["meta"])
+    for i, (*path, last) in enumerate(places(json.loads(text)), first):
+        owner = meta = json.loads(text)
+        for key in path:
+            owner = owner[key]
+        owner[last] = damage = TEXTS[i % len(TEXTS)]
+        if damage == "gone":
+            del owner[last]
+        np.savez(tmp_path / "other.npz", **arrays | {"meta": np.array(json.dumps(meta))})
+        try:
+            damaged = fb.load(tmp_path / "other.npz")
+        except ValueError as error:
+            refusal = f"{tmp_path / 'other.npz'} is not a solution saved by fx_beam"
+            assert str(error).startswith(refusal)
+            continue
+        with suppress(ValueError, fb.StepError):
+            read_all(damaged, scene, *parts)
