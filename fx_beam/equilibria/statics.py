@@ -23,7 +23,7 @@ from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution, forces_on_nodes
 from fx_beam.results.state import State
 from fx_beam.scene.functions import constant
-from fx_beam.scene.inputs import values_at, with_functions
+from fx_beam.scene.inputs import present, values_at, with_functions
 from fx_beam.scene.loads import Load
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import Watch
@@ -67,7 +67,7 @@ class LoadPath(PathSteps):
         self._loads_on_nodes = _loads_on_nodes(scene, start, options.t)
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began = time.perf_counter()
-        super().__init__(connected, options)
+        super().__init__(present(connected), options)
         #: Whether it warns if its last row is unstable.
         self.warns = True
         #: The states so far.

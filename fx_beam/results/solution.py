@@ -278,7 +278,7 @@ class Solution:
     def critical_points(self) -> list[Any]:
         """The critical points between the rows of a static solution, in the order of the path.
 
-        A list of `CriticalPoint`, found when it is first read; read it before you change the scene.
+        A list of `CriticalPoint`, found when it is first read, of the scene as it was computed.
         What could not be located between two rows is in the list as "not located", with a warning;
         where `unstable_modes` is refused, the list is empty, with a warning.
         """

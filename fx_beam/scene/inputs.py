@@ -209,6 +209,17 @@ def check_names(names, known, subject: str) -> None:
             raise SceneError(f"{subject}: the scene has no input {name!r}; {has}")
 
 
+def present(scene):
+    """A scene of the parts that a scene has now: none that are added or removed later."""
+    new = object.__new__(type(scene))
+    containers = list | set | dict
+    new.__dict__.update(
+        (name, copy.copy(part) if isinstance(part, containers) else part)
+        for name, part in vars(scene).items()
+    )
+    return new
+
+
 def connected(scene, function_of: Callable[[InputSignal], Signal]):
     """The scene with functions in the place of its slots; nodes and beams are the same."""
 

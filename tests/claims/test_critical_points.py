@@ -512,3 +512,21 @@ def test_long_steps_find_the_bifurcation_of_short_ones_beside_an_open_contact(wa
     )
     assert first.kind == other.kind == "bifurcation"
     assert first.load_factor == pytest.approx(other.load_factor, rel=1e-6)
+
+
+@pytest.mark.parametrize("what", ["beam", "body", "nothing of it"])
+def test_what_a_scene_has_later_is_not_in_the_critical_points_of_an_earlier_path(what):
+    scene, P = column(1.0, 8, 1, np.pi / 2)
+    mass = scene.add_body((2, 0), 1.0, 0.1, name="mass")
+    scene.add_joint(fb.Revolute(fb.GROUND, mass.centre, spring=fb.Spring(5.0)))
+    scene.add_force(scene.beams[0].end, (0, 1 - 3 * P))
+    path, members = fb.static(scene, load_steps=5), (["mass"], [scene.beams[0].name])
+    if what == "beam":
+        scene.add_beam([(1, 0), (1, 1)], STOUT, elements=2)
+    elif what == "body":
+        scene.add_body((0, 3), 1.0)
+    else:
+        scene.remove(mass)
+    (point,) = path.critical_points
+    assert (point.kind, point.load_factor) == ("bifurcation", pytest.approx(1 / 3, rel=0.01))
+    assert ([*point.modes.bodies], [*point.modes.beams]) == members
