@@ -23,17 +23,17 @@ from ffcx.codegeneration.codegeneration import generate_code  # noqa: E402
 from ffcx.ir.representation import compute_ir  # noqa: E402
 
 _log = logging.getLogger("fx_beam")
-# All of every version, which would else look for more in the current folder and in the home.
-_OPTIONS = {
+#: All of every version, which would else look for more in the current folder and in the home.
+OPTIONS = {
     "scalar_type": "double" if find_spec("ffcx.parameters") else "float64",
     **{"epsilon": 1e-14, "table_rtol": 1e-6, "table_atol": 1e-9, "verbosity": logging.WARNING},
     # Up to 0.6, and of later versions.
     **{"tabulate_tensor_void": False, "assume_aligned": -1, "padlen": 1},
     **{"sum_factorization": False, "language": "C", "part": "full"},
 }
-_ANALYSIS_OPTIONS: Any = _OPTIONS
+_ANALYSIS_OPTIONS: Any = OPTIONS
 if "parameters" not in inspect.signature(analyze_ufl_objects).parameters:
-    _ANALYSIS_OPTIONS = _OPTIONS["scalar_type"]
+    _ANALYSIS_OPTIONS = OPTIONS["scalar_type"]
 _HEADERS = "math.h", "stdalign.h", "stdlib.h", "string.h"
 # Generated code with functions of one element; the first two are what version 0.5 refers to in it.
 _BLOCKS = "elements", "dofmaps", "integrals", "expressions"
@@ -63,8 +63,8 @@ def generated(written: Written, prefix: str) -> dict[str, Any]:
         return {"header": "", "source": "", "arguments": 0, "forms": {}, "facts": written.facts}
     with _quiet():
         analysis = analyze_ufl_objects([*written.forms.values()], _ANALYSIS_OPTIONS)
-        ir = compute_ir(analysis, {}, prefix, _OPTIONS, False)
-        code: Any = generate_code(ir, _OPTIONS)
+        ir = compute_ir(analysis, {}, prefix, OPTIONS, False)
+        code: Any = generate_code(ir, OPTIONS)
     code = code if hasattr(code, "integrals") else code[0]  # later versions add suffixes of files
     parts = [part for block in _BLOCKS for part in getattr(code, block, [])]
     folder = codegeneration.get_include_path()

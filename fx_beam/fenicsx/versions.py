@@ -6,6 +6,7 @@ import inspect
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI  # before dolfinx: only then are the libraries of its wheel found
@@ -19,12 +20,26 @@ from ufl.core.expr import Expr
 
 import numpy as np
 
+from fx_beam.fem import ffcx_api
+
+_log = logging.getLogger("fx_beam")
 Mesh = dolfinx.mesh.Mesh
 #: What versions type in different ways: elements of UFL or of basix, tags, and what is compiled.
 Element = Any
 MeshTags = Any
 CompiledForm = Any
 CompiledExpression = Any
+# All options of compilers: dolfinx would else look for more in the current folder and in the home.
+_DEFAULTS = next(x for name, x in vars(dolfinx.jit).items() if name.startswith("DOLFINX_DEFAULT"))
+_OPTIONS = {
+    "form_compiler": ffcx_api.OPTIONS,
+    "jit": {name: value for name, (value, _) in _DEFAULTS.items()},
+}
+for _file in filter(Path.is_file, map(Path, (".petscrc", "petscrc"))):
+    _log.warning(
+        "PETSc takes options of %s in the current folder: they may act in fx_beam.fenicsx, too",
+        _file,
+    )
 
 
 @contextmanager
@@ -41,14 +56,21 @@ def quiet() -> Iterator[None]:
         root.handlers[:] = handlers
 
 
-@quiet()
-def compiled(form: ufl.Form) -> CompiledForm:
-    """A form of dolfinx."""
-    return fem.form(form)
-
-
 def _takes(function: Callable, name: str) -> bool:
     return name in inspect.signature(function).parameters
+
+
+def _compiling(function: Callable[..., Any], *arguments: object) -> Any:
+    """The value of a function of dolfinx that compiles."""
+    names = ((f"{kind}_{word}", kind) for kind in _OPTIONS for word in ("params", "options"))
+    options = {name: _OPTIONS[kind].copy() for name, kind in names if _takes(function, name)}
+    with quiet():
+        return function(*arguments, **options)
+
+
+def compiled(form: ufl.Form) -> CompiledForm:
+    """A form of dolfinx."""
+    return _compiling(fem.form, form)
 
 
 @quiet()
@@ -64,10 +86,9 @@ def create_mesh(comm: MPI.Comm, cells: np.ndarray, X: np.ndarray, element: Eleme
     return make(comm, cells=cells[: len(cells) * first], x=X[: len(X) * first], **options)
 
 
-@quiet()
 def function_space(mesh: Mesh, element: Element) -> fem.FunctionSpace:
     """A function space."""
-    return getattr(fem, "functionspace", fem.FunctionSpace)(mesh, element)
+    return _compiling(getattr(fem, "functionspace", fem.FunctionSpace), mesh, element)
 
 
 def _rows(table: object, width: int) -> np.ndarray:
@@ -109,10 +130,9 @@ def exterior_facets(mesh: Mesh) -> np.ndarray:
     return np.asarray(exterior(mesh.topology))
 
 
-@quiet()
 def compiled_expression(expression: Expr, points: np.ndarray) -> CompiledExpression:
     """An expression of dolfinx at points (m, 1) of cells."""
-    return fem.Expression(expression, points)
+    return _compiling(fem.Expression, expression, points)
 
 
 def values_of(expression: CompiledExpression, mesh: Mesh, cells: np.ndarray) -> np.ndarray:

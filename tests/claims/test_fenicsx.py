@@ -1,6 +1,8 @@
 """What a user changes in a problem of dolfinx: terms, resultants, fields, solvers, starts."""
 
+import json
 import logging
+import os
 import subprocess
 import sys
 
@@ -409,3 +411,27 @@ def test_only_the_room_loads_dolfinx():
     code = "import sys, fx_beam as fb; fb.simulate; fb.static; print('dolfinx' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_files_of_options_in_the_current_folder_are_not_read_or_named(tmp_path):
+    rounded = {"table_atol": 0.6, "epsilon": 0.5}
+    other_functions = {"cffi_extra_compile_args": ["-Dcos=sin"]}
+    for package, options in {"ffcx": rounded, "dolfinx_jit": other_functions}.items():
+        for word in ("parameters", "options"):  # of older and of newer versions
+            (tmp_path / f"{package}_{word}.json").write_text(json.dumps(options))
+    (tmp_path / ".petscrc").write_text("-snes_max_it 1")
+    (tmp_path / "script.py").write_text(
+        "import fx_beam as fb\n"
+        "from fx_beam.fenicsx import Problem\n"
+        "scene = fb.Scene(gravity=(0, -9.81))\n"
+        "section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.1)\n"
+        "bar = scene.add_beam([(0, 0), (1, 0)], section, elements=3, degree=2)\n"
+        "scene.pin(bar.start)\n"
+        "ways = Problem(scene, dt=0.05).run(0.2), fb.simulate(scene, dt=0.05, t_end=0.2)\n"
+        "print(abs(ways[0].q - ways[1].q).max())\n"
+    )
+    run = [sys.executable, "script.py"]
+    variables = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    done = subprocess.run(run, cwd=tmp_path, env=variables, capture_output=True, text=True)
+    assert float(done.stdout) < 1e-12
+    assert "options of .petscrc in the current folder" in done.stderr
