@@ -456,3 +456,24 @@ def test_a_follower_force_that_jumps_belongs_to_the_step_in_which_it_acts():
     assert solution.linear_momentum[:, 0] == pytest.approx([0, 0.1, 0.2, 0.2, 0.2], abs=1e-12)
     assert str(scene.loads[0]) == "follower force on node 0 at (0, 0)"
     assert str(scene.loads[0]) in solution.stats.assembled
+
+
+@pytest.mark.parametrize("kind", ["a jump", "a short load", "a kink"])
+def test_a_load_that_travels_is_found_with_few_calls_and_has_its_whole_impulse(kind):
+    profile, total = {
+        "a jump": (lambda x: float(x < 0), lambda t: 1 + 3 * t),
+        "a short load": (lambda x: float(0 < x < 0.03), lambda t: 0.03 + 0 * t),
+        "a kink": (lambda x: max(0.0, 1 - 3 * abs(x)), lambda t: 1 / 3 + 0 * t),
+    }[kind]
+    calls, scene = [], fb.Scene()
+    beam = scene.add_beam([(-1, 0), (4, 0)], SECTION, elements=16)
+
+    def load(s, t):
+        calls.append(s)
+        return 0.0, -profile(s - 1 - 3 * t)
+
+    scene.add_line_load(beam, load, of=BOTH)
+    motion = fb.simulate(scene, dt=0.01, t_end=0.5)
+    impulse = scipy.integrate.cumulative_trapezoid(total(motion.t), motion.t, initial=0)
+    np.testing.assert_allclose(-motion.linear_momentum[:, 1], impulse, rtol=0, atol=1e-12)
+    assert len(calls) < 50 * 3500
