@@ -103,7 +103,7 @@ class NearestValues:
             total = total + np.bincount(places.ravel(), values, number * count * numbers)
             left = ~converged
             cells, start, width = cells[left], start[left], width[left]
-            # A piece ends at a jump or kink; if this does not help, as at two of them, it is divided.
+            # A piece ends at a jump or kink; if this does not help, as at two, it is divided.
             if division in _AT_CORNERS:
                 before = self._corners(functions, cells, start, width) - start
                 start = np.column_stack([start, start + before]).ravel()
@@ -127,7 +127,7 @@ class NearestValues:
     def _corners(
         self, functions: _ValuesOf, cells: np.ndarray, start: np.ndarray, width: np.ndarray
     ) -> np.ndarray:
-        """Places (n,) of the largest jump, or kink, in pieces of elements, as fractions of these."""
+        """Places (n,) of the largest jump, or kink, in pieces of elements, as fractions."""
         for _ in range(_SEEKS * bool(len(cells))):
             values = floats(self._at(functions, cells, start[:, None] + width[:, None] * _SEEK))
             largest = abs(np.diff(values, 2, axis=1)).max(axis=2).argmax(axis=1)
