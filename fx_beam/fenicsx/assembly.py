@@ -43,8 +43,9 @@ class Assembly:
         forces = np.zeros((2, len(D)))
         for out, terms in zip(forces, (self.form.terms, self.form.added), strict=True):
             b = np.zeros(len(numbers))
-            for term in terms:
-                fem.assemble_vector(b, term.compiled[0])
+            for form, _ in (term.compiled for term in terms):
+                if form is not None:
+                    fem.assemble_vector(b, form)
             out[:] = np.bincount(numbers, b, len(D))
         internal, added = self.grid.total(forces)
         return internal, added

@@ -63,7 +63,7 @@ class Equations:
         """Have the natural strains of a user at the end of the next step."""
         form = self.assembly.form
         if form.natural is not None:
-            self._natural = form.grid.at_points(form.natural)
+            self._natural = form.grid.at_points([form.natural])
 
     def begin(self, dt: float) -> bool:
         """Begin a sub-step at the state in C; whether other unknowns are the independent ones."""

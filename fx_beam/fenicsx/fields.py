@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ufl
 from dolfinx import fem
+from ufl.core.expr import Expr
 
 import numpy as np
 
@@ -22,26 +22,34 @@ class StepFields:
     Arrays (size,) have all degrees of freedom of a scene, on each process.
     """
 
-    def __init__(self, written: WeakForm, model: Model, grid: Grid):
+    def __init__(
+        self, written: WeakForm, model: Model, grid: Grid, state: list[fem.Function] | None
+    ):
         fields, data = written.fields, written.symbols
+        #: Names of the Functions and Constants of the form.
+        self.named = {symbol: name for symbol, name in written.named.items() if symbol is not None}
+        for symbol, name in self.named.items():
+            symbol.name = name
         self._grid, self._rates = grid, model.scheme.rates
         self._scene_parameters = model.forms.parameters
         #: Start, increment and arguments of forms: Functions and Constants.
         self.symbols = fields
         #: The step in UFL; N, Q and M of each material.
         self.step: Step = written.laws.step
-        self.resultants: list[ufl.core.expr.Expr] = written.laws.resultants
+        self.resultants: list[Expr] = written.laws.resultants
         #: Space of displacements (2) and rotation (1).
         self.V = fields.start.function_space
         #: Number in the scene of each degree of freedom of V, and of the space of increments. The
         #: latter is discontinuous if nodal rotations are components: then numbers repeat.
         spaces, dofs = (self.V, fields.increment.function_space), model.mesh.unknowns.dofs
         self.V_numbers, self.increment_numbers = (grid.numbers(space, dofs) for space in spaces)
-        #: State at the end of the last step, its rates, and accelerations.
-        self.q, self.v, self.a = (fem.Function(self.V, name=name) for name in "qva")
         displacements, self._u_dofs = self.V.sub(0).collapse()
-        #: Displacement, on a space of its own.
-        self.u = fem.Function(displacements, name="u")
+        if state is None:
+            state = [fem.Function(self.V, name=name) for name in "qva"]
+            state.append(fem.Function(displacements, name="u"))
+        #: State at the end of the last step, its rates, accelerations, and the displacement alone.
+        self.state = state
+        self.q, self.v, self.a, self.u = self.state
         self._internal, self._parameters = data.internal, data.parameters
         #: What takes the place of each symbol of the start in a form of the end.
         self.ends = {fields.start: self.q, fields.natural[0]: fields.natural[1]}

@@ -22,7 +22,7 @@ from fx_beam.step.model import Model
 from .fields import StepFields
 from .grid import Grid
 from .symbols import DolfinxSymbols
-from .versions import CompiledForm, compiled, is_empty
+from .versions import CompiledForm, compiled, fits, is_empty, terminals
 
 Resultants = Callable[[Step, Law], StepResultants]
 #: Stored energy per length of axial strain, shear strain and curvature.
@@ -36,23 +36,25 @@ class Term:
         self.form, self._fields = form, fields
 
     @functools.cached_property
-    def compiled(self) -> tuple[CompiledForm, CompiledForm | None]:
+    def compiled(self) -> list[CompiledForm | None]:
         """Forms of dolfinx: the term, and its derivative by the increment; None for zero."""
         symbols = self._fields.symbols
         tangent = ufl.derivative(self.form, symbols.increment, symbols.trial)
-        return compiled(self.form), None if is_empty(tangent) else compiled(tangent)
+        return [None if is_empty(form) else compiled(form) for form in (self.form, tangent)]
 
 
 class StepForm:
     """The residual F of a step without inertia, as terms, and the stored energy.
 
-    `resultants` and `strain_energy` may take the place of those of the scene.
+    `resultants` and `strain_energy` may take the place of those of the scene, and of a form
+    `before`.
     """
 
     def __init__(
         self,
         model: Model,
         grid: Grid,
+        before: StepForm | None = None,
         resultants: Resultants | None = None,
         strain_energy: StrainEnergy | None = None,
     ):
@@ -63,7 +65,10 @@ class StepForm:
         if resultants is not None:
             kind = kind._replace(scheme=Scheme(scheme.name, resultants, scheme.rates))
         written = WeakForm(kind, DolfinxSymbols(grid, grid.tagged(grid.beams.data.tags)))
-        self.fields = StepFields(written, model, grid)
+        state = before.fields.state if before else None
+        self.fields: StepFields = StepFields(written, model, grid, state)
+        # Symbols of the forms before, which steps no longer set.
+        self._dead: set[Expr] = before._dead | {*before.fields.named} if before else set()
         forms = written.step_forms().forms
         names = [name for name in ("internal forces", "drag") if name in forms]
         #: Terms of the scene, and of a user. Each is assembled by itself: FFCx 0.5 confuses
@@ -71,18 +76,23 @@ class StepForm:
         self.terms = [Term(forms[name], self.fields) for name in names]
         self.added: list[Term] = []
         #: Natural strains (3,) at the end of a step in UFL, by a user.
-        self.natural: Expr | None = None
+        self.natural: Expr | None = before.natural if before else None
         energy: ufl.Form | None = forms["strain energy"]
         if self.replaced:
             strains = self.fields.step.strains0
-            energy = strain_energy and strain_energy(*strains) * grid.measure(None, None)
+            none = fem.Constant(grid.mesh, 0.0)  # an energy of zero is a form, too
+            dx = grid.measure(None, None)
+            energy = strain_energy and (strain_energy(*strains) + none) * dx
+            written_by_user = *(term.form for term in self.terms), *self.fields.resultants
+            self.check("replace_resultants", *written_by_user, *filter(None, [energy]))
+            self.check("natural_strains", *filter(None, [self.natural]))
         self._energy = None if energy is None else compiled(ufl.replace(energy, self.fields.ends))
 
     @property
     def F(self) -> ufl.Form:
         """The residual without inertia."""
-        first, *others = [term.form for term in (*self.terms, *self.added)]
-        return sum(others, first)
+        own = [self.grid.of_materials(term.form) for term in self.terms]
+        return sum([term.form for term in self.added], sum(own[1:], own[0]))
 
     @property
     def J(self) -> ufl.Form:
@@ -99,13 +109,16 @@ class StepForm:
         """Add a term to the residual, if it is one."""
         test, expected = self.fields.symbols.test, "a form, such as c * problem.measure()"
         require(isinstance(term, ufl.Form), "fenicsx: add: term", term, expected)
+        term = ufl.algorithms.expand_derivatives(term)
         linear = "fenicsx: add: the term must be linear in step.virtual_u and step.virtual_psi"
-        mesh = self.grid.mesh.ufl_domain()
-        if any(domain.ufl_id() != mesh.ufl_id() for domain in term.ufl_domains()):
+        mesh = self.grid.mesh
+        foreign = {domain.ufl_id() for domain in term.ufl_domains()} - {mesh.ufl_domain().ufl_id()}
+        if foreign or not all(fits(part.subdomain_data(), mesh) for part in term.integrals()):
             raise SceneError(
                 "fenicsx: add: the term is an integral over another mesh. Use problem.measure(), "
                 "or a measure with domain=problem.mesh"
             )
+        self.check("add", term)
         if [*term.arguments()] != [test]:
             other_arguments = ", ".join(str(u) for u in term.arguments() if u != test)
             raise SceneError(f"{linear} of problem.step; it has {other_arguments or 'neither'}")
@@ -117,6 +130,28 @@ class StepForm:
         except (ValueError, arities.ArityMismatch) as error:  # the first of products of both
             raise SceneError(f"{linear}, not {str(term)[:200]}") from error
         self.added.append(Term(term, self.fields))
+
+    def check(self, name: str, *parts: Expr | ufl.Form) -> None:
+        """Refuse symbols of another mesh, of a form before, and symbols without values."""
+        mesh = self.grid.mesh.ufl_domain()
+        for symbol in (terminal for part in parts for terminal in terminals(part)):
+            domains = ufl.domain.extract_domains(symbol)
+            if any(domain.ufl_id() != mesh.ufl_id() for domain in domains):
+                raise SceneError(
+                    f"fenicsx: {name}: {symbol} is on another mesh than problem.mesh, which has "
+                    "all beams of the scene. Make Functions and Constants on problem.mesh"
+                )
+            if symbol in self._dead:
+                raise SceneError(
+                    f"fenicsx: {name}: {symbol} belongs to the step before replace_resultants. "
+                    "Take problem.step anew after it"
+                )
+            is_number = isinstance(symbol, ufl.Coefficient | ufl.Constant)
+            if is_number and not isinstance(symbol, fem.Function | fem.Constant):
+                raise SceneError(
+                    f"fenicsx: {name}: {symbol} has no values. Use Function and Constant of "
+                    "dolfinx.fem"
+                )
 
     def strain_energy(self) -> float:
         """Stored energy of beams [J] at the end of the step; nan where it is not known."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -13,7 +15,7 @@ from ufl.core.expr import Expr
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fx_beam.errors import SceneError, require
+from fx_beam.errors import SceneError
 from fx_beam.fem import elements
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.mesh import Mesh
@@ -53,7 +55,8 @@ class Grid:
         self.cells = np.asarray(self.mesh.topology.original_cell_index)
         X = self.mesh.geometry.x[cell_nodes(self.mesh, points.shape[1]), :2]
         assert np.array_equal(X, nodes.X[points][self.cells])  # dolfinx keeps the order of nodes
-        self._beam_tags = self.tagged(nodes.beam_of_cell)
+        #: Number of the beam of each element, and of the node at each vertex that is an end.
+        self.cell_tags, self.end_tags = self.tagged(nodes.beam_of_cell), self._tagged_ends()
         # Compiled, by expression and points.
         self._expressions: dict[tuple[Expr, bytes], CompiledExpression] = {}
         self._spaces: dict[Element, fem.FunctionSpace] = {}
@@ -96,51 +99,59 @@ class Grid:
 
     # -- Integrals ---------------------------------------------------------------------------------
 
-    def measure(self, place: Beam | Node | None, points: int | None) -> ufl.Measure:
-        """Measure of a beam, of all, or of a node, by a Gauss rule; see `Steps.measure`."""
+    def measure(
+        self, place: Beam | Sequence[Beam] | Node | None, points: int | None
+    ) -> ufl.Measure:
+        """Measure of beams, of all, or of a node, by a Gauss rule; see `Steps.measure`."""
         domain = self.mesh.ufl_domain()
         if isinstance(place, Node):
-            ends = self._ends_at(place)
-            return ufl.Measure("ds", domain=domain, subdomain_data=ends)(1)
-        dx = elements.measure(domain, points or self.degree)(subdomain_data=self._beam_tags)
+            if not self.comm.allreduce(int((self.end_tags.values == place.number).sum())):
+                raise SceneError(
+                    f"fenicsx: measure: {place} is no end of the mesh, but an inner node of beams. "
+                    "Use scene.add_force for a force on it"
+                )
+            return ufl.Measure("ds", domain=domain, subdomain_data=self.end_tags)(place.number)
+        dx = elements.measure(domain, points or self.degree)(subdomain_data=self.cell_tags)
         if place is None:
             return dx
-        if place not in self.scene.beams:
-            raise SceneError(f"fenicsx: measure: {place} is no beam of this scene")
-        return dx(self.scene.beams.index(place))
+        beams = [place] if isinstance(place, Beam) else [*place]
+        for beam in beams:
+            if beam not in self.scene.beams:
+                raise SceneError(f"fenicsx: measure: {beam} is no beam of this scene")
+        return dx(tuple(self.scene.beams.index(beam) for beam in beams))
 
-    def _ends_at(self, node: Node) -> MeshTags:
-        """Tags of the vertices in which a single element ends at a node."""
-        numbers = self._nodes.points[self.cells][:, :2]
-        vertices = np.unique(cell_vertices(self.mesh)[numbers == node.number])
-        ends = vertices[np.isin(vertices, exterior_facets(self.mesh))].astype(np.int32)
-        if not self.comm.allreduce(len(ends)):
-            raise SceneError(
-                f"fenicsx: measure: {node} is no end of the mesh, but an inner node of beams. Use "
-                "scene.add_force for a force on it"
-            )
-        return dolfinx.mesh.meshtags(self.mesh, 0, ends, np.ones(len(ends), np.int32))
+    def of_materials(self, form: ufl.Form) -> ufl.Form:
+        """A form over materials as one over beams, which adds up with those of a user."""
+        materials = {*zip(self._nodes.beam_of_cell, self.beams.data.tags, strict=True)}
+
+        def over_beams(part: ufl.Integral) -> ufl.Integral:
+            beams = sorted(int(beam) for beam, number in materials if number == part.subdomain_id())
+            tags = tuple(beams) or "everywhere"
+            return part.reconstruct(subdomain_id=tags, subdomain_data=self.cell_tags)
+
+        return ufl.Form([over_beams(part) for part in form.integrals()])
+
+    def _tagged_ends(self) -> MeshTags:
+        """Numbers of the nodes at the vertices in which a single element ends."""
+        numbers, vertices = self._nodes.points[self.cells][:, :2], cell_vertices(self.mesh)
+        number = np.zeros(vertices.max(initial=-1) + 1, np.int32)
+        number[vertices] = numbers
+        ends = np.sort(exterior_facets(self.mesh)).astype(np.int32)
+        return dolfinx.mesh.meshtags(self.mesh, 0, ends, number[ends])
 
     # -- Values ------------------------------------------------------------------------------------
 
-    def at_points(
-        self, expression: Expr | list[Expr], points: ArrayLike | None = None
-    ) -> np.ndarray:
-        """Values (cells, points, ...) of a UFL expression, or of a list with one a material."""
-        expressions = expression if isinstance(expression, list) else [expression]
-        tags = self.beams.data.tags if isinstance(expression, list) else 0 * self.beams.data.tags
-        for part in expressions:
-            ok = isinstance(part, Expr) and ufl.domain.extract_domains(part)
-            require(
-                ok, "fenicsx: expression", part, "in UFL, with something that depends on the mesh"
-            )
+    def at_points(self, expressions: Sequence[Expr], points: ArrayLike | None = None) -> np.ndarray:
+        """Values (cells, points, ...) of an expression in UFL for each material, or of one."""
+        tags = self.beams.data.tags if len(expressions) > 1 else 0 * self.beams.data.tags
         places = gauss_rule(self.degree)[0] if points is None else np.asarray(points, float)
         owned_cells = self.cells[: count_cells(self.mesh)[0]]
         values = np.empty((len(owned_cells), len(places), *expressions[0].ufl_shape))
         for number, part in enumerate(expressions):
             key = part, places.tobytes()
             if key not in self._expressions:
-                self._expressions[key] = compiled_expression(part, places[:, None])
+                zero = fem.Constant(self.mesh, np.zeros(part.ufl_shape))  # of numbers, too
+                self._expressions[key] = compiled_expression(part + zero, places[:, None])
             chosen = np.flatnonzero(tags[owned_cells] == number)
             computed = values_of(self._expressions[key], self.mesh, chosen)
             values[chosen] = computed.reshape(len(chosen), len(places), *part.ufl_shape)

@@ -62,8 +62,15 @@ class Problem(Steps):
     ----------
     mesh : dolfinx.mesh.Mesh
         Intervals in the plane: all elements of all beams. At joints vertices coincide.
+    cell_tags : dolfinx.mesh.MeshTags
+        Number of the beam of each cell, in the order of ``scene.beams``.
     V : dolfinx function space
         Mixed space of displacement (2) and rotation.
+    increment, start : dolfinx.fem.Function
+        Displacement and rotation: their increment over the step, by which F is derived, and their
+        start [m, rad].
+    test, trial : ufl arguments
+        Test function of F, and trial function of J.
     step : Step
         Fields of a step, as `Scene.add_virtual_work` and `Scheme` have them.
     resultants : list of ufl expressions

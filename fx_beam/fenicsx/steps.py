@@ -13,7 +13,7 @@ from ufl.core.expr import Expr
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fx_beam.errors import SceneError, require
+from fx_beam.errors import SceneError, all_of, require
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.step.loop import CompiledLoop
@@ -25,7 +25,6 @@ from .form import Resultants, StepForm, StrainEnergy
 from .grid import Grid
 from .newton import Newton, PetscOptions
 from .system import System
-from .versions import Mesh
 
 
 class Steps:
@@ -53,21 +52,31 @@ class Steps:
         newton, petsc_options = self._options
         self._form, fields = form, form.fields
         self._equations = Equations(Assembly(form, loop.model), loop, newton.max_turn)
-        self.mesh, self.system = form.grid.mesh, System(self._equations)
+        self.mesh, self.cell_tags = form.grid.mesh, form.grid.cell_tags
+        self.system = System(self._equations)
         self.snes = Newton(self._equations, newton, petsc_options).snes
         self.V, self.step, self.resultants = fields.V, fields.step, fields.resultants
+        self.increment, self.start = fields.symbols.increment, fields.symbols.start
+        self.test, self.trial = fields.symbols.test, fields.symbols.trial
         self.u, self.q, self.v, self.a = fields.u, fields.q, fields.v, fields.a
 
     # -- The form ----------------------------------------------------------------------------------
 
-    def measure(self, where: Beam | Node | None = None, points: int | None = None) -> ufl.Measure:
-        """Measure of a beam, of all beams, or of a node in which beams end.
+    @property
+    def dx(self) -> ufl.Measure:
+        """Measure of all beams: ``dx(i)`` is that of the beam ``scene.beams[i]``."""
+        return self.measure()
+
+    def measure(
+        self, where: Beam | Sequence[Beam] | Node | None = None, points: int | None = None
+    ) -> ufl.Measure:
+        """Measure of beams, or of a node in which beams end.
 
         Parameters
         ----------
-        where : Beam or Node, optional
-            Over which beam to integrate, by default over all; or at which node: the integral is the
-            value there, once for each beam that ends in it.
+        where : Beam, list of Beams, or Node, optional
+            Over which beams to integrate, by default over all; or at which node: the integral is
+            the value there, once for each beam that ends in it.
         points : int, optional
             Number of Gauss points of an element; by default that of the internal forces, which is
             the degree of the elements.
@@ -108,8 +117,8 @@ class Steps:
     ) -> None:
         """Replace the stress resultants of the scene.
 
-        Call it first: the step, its Functions, `snes` and `system` are new ones then, and terms
-        that were added are gone.
+        Call it first: the step, `snes` and `system` are new ones then, and terms that were added
+        are gone. What contains fields of the step before is refused.
 
         Parameters
         ----------
@@ -120,10 +129,15 @@ class Steps:
         strain_energy : callable, optional
             ``strain_energy(eps, gamma, kappa)`` gives the stored energy at the end of a step [J/m],
             for `energies` and for solutions; without it the strain energy is nan there.
+
+        Raises
+        ------
+        SceneError
+            For symbols on another mesh, of the step before, or without values; also in
+            `natural_strains`. Then all is as before.
         """
-        loop, grid = self._equations.loop, self._form.grid
-        form = StepForm(loop.model, grid, resultants, strain_energy)
-        form.natural = self._form.natural
+        loop = self._equations.loop
+        form = StepForm(loop.model, self._form.grid, self._form, resultants, strain_energy)
         self._set_form(form, loop)
         form.fields.end(self._state)
 
@@ -146,19 +160,20 @@ class Steps:
                 "fenicsx: natural_strains: the scene has none, so that its forms have none. Call "
                 "scene.add_natural_strain(beam, axial=0.0) before the problem is made"
             )
-        if strains is None:
-            self._form.natural = None
-            return
-        if not isinstance(strains, Expr):
-            strains = [_in_ufl(strain, self.mesh) for strain in strains]
-        vector = ufl.as_vector(strains)
-        expected = "three numbers or expressions in UFL"
-        require(vector.ufl_shape == (3,), "fenicsx: natural_strains", vector, expected)
+        vector = None if strains is None else ufl.as_vector(strains)
+        if vector is not None:
+            expected = "three numbers or expressions in UFL"
+            require(vector.ufl_shape == (3,), "fenicsx: natural_strains", vector, expected)
+            self._form.check("natural_strains", vector)
         self._form.natural = vector
 
     @property
     def F(self) -> ufl.Form:
-        """Residual of a step without inertia, whose rates are nodal, and forces at points."""
+        """Residual of a step without inertia, whose rates are nodal, and forces at points.
+
+        It has terms of drag, and those that were added, by Gauss rules of their own. A user's own
+        tags of cells do not compile with those of `cell_tags` in one form.
+        """
         return self._form.F
 
     @property
@@ -184,8 +199,23 @@ class Steps:
         -------
         (cells, m, ...) float array
             Beam by beam, along each.
+
+        Raises
+        ------
+        SceneError
+            For symbols on another mesh, of a step before `replace_resultants`, or without values;
+            for a list of another length, and for places outside elements.
         """
-        return self._form.grid.at_points(expression, points)
+        parts = [*map(ufl.as_ufl, expression if isinstance(expression, list) else [expression])]
+        ok = not isinstance(expression, list) or len(parts) == len(self.resultants)
+        ok = ok and len({part.ufl_shape for part in parts}) == 1
+        expected = "in UFL, or a list of equal shapes, one for each material as in `resultants`"
+        require(ok, "fenicsx: expression", expression, expected)
+        self._form.check("expression", *parts)
+        if points is not None:
+            ok = all_of(abs(np.asarray(points, float) - 0.5) <= 0.5)
+            require(ok, "fenicsx: points", points, "numbers from 0 to 1")
+        return self._form.grid.at_points(parts, points)
 
     def interpolate(self, expression: Expr | list[Expr], name: str = "f") -> fem.Function:
         """Interpolate an expression at the Gauss points, element by element.
@@ -222,8 +252,3 @@ class Steps:
                 model.forms.compiled_points.energy(state.q, state.slides, state.spring_internal)
             ),
         }
-
-
-def _in_ufl(strain: Expr | float, mesh: Mesh) -> Expr:
-    """A strain as an expression that depends on the mesh."""
-    return strain if isinstance(strain, Expr) else fem.Constant(mesh, float(strain))

@@ -13,6 +13,15 @@ from .grid import Grid
 from .versions import Element, MeshTags
 
 
+class NamedConstant(fem.Constant):
+    """A Constant whose name is seen where a form is printed."""
+
+    name = ""
+
+    def __str__(self) -> str:
+        return self.name
+
+
 class DolfinxSymbols(Symbols):
     """Makes the symbols of forms on a mesh; the tags of cells number materials."""
 
@@ -30,7 +39,7 @@ class DolfinxSymbols(Symbols):
 
     def constant(self, *shape: int) -> fem.Constant:
         """A Constant."""
-        return fem.Constant(self._grid.mesh, np.zeros(shape))
+        return NamedConstant(self._grid.mesh, np.zeros(shape))
 
     def measure(self, points: int) -> ufl.Measure:
         """Measure of the beams; its subdomains are materials."""

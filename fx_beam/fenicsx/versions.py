@@ -144,3 +144,17 @@ def values_of(expression: CompiledExpression, mesh: Mesh, cells: np.ndarray) -> 
 def is_empty(form: ufl.Form) -> bool:
     """Whether a form, with its derivatives written out, is zero."""
     return ufl.algorithms.expand_derivatives(form).empty()
+
+
+def terminals(part: Expr | ufl.Form) -> set[Expr]:
+    """Symbols and numbers of which an expression or a form consists."""
+    expressions = [part]
+    if isinstance(part, ufl.Form):
+        expressions = [integral.integrand() for integral in part.integrals()]
+    unique = ufl.corealg.traversal.traverse_unique_terminals
+    return {terminal for expression in expressions for terminal in unique(expression)}
+
+
+def fits(tags: MeshTags, mesh: Mesh) -> bool:
+    """Whether tags are of a mesh, where dolfinx says of which they are, and else is sure of it."""
+    return not hasattr(tags, "mesh") or tags.mesh.topology is mesh.topology
