@@ -102,8 +102,10 @@ class Equations:
         self._y[self.unknowns.independent] = y
         D = self.c_step.D[:] = model.reduction.increment(self._y, self._driven)
         if not abs(D[model.mesh.turns]).max() <= self._max_turn:
-            constants, closed = self.loop.problem.constants, np.isfinite(D).all()
-            raise NoConfigurationError(constants.TURNED_TOO_FAR if closed else constants.OPEN_LOOP)
+            constants, failure = self.loop.problem.constants, "TURNED_TOO_FAR"
+            if not np.isfinite(D).all():
+                failure = "OPEN_LOOP" if np.isfinite(y).all() else "NO_CONVERGENCE"
+            raise NoConfigurationError(getattr(constants, failure))
         self.internal, self._added = self.assembly.residual(D)
         self.forces = self.internal + self._added - self._dead
         if self._inertia is not None:

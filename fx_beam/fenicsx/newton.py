@@ -61,12 +61,24 @@ class Newton:
         reason = self.snes.getConvergedReason()
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
             return self._constants.SINGULAR
-        if reason < 0:
+        if reason < 0 and not self._at_round_off(x):
             return self._failure
         if not np.array_equal(equations.y, y := unknowns.all(x)):
             equations.evaluate(y)  # a line search came back
         equations.finish(dt)
         return self._constants.OK
+
+    def _at_round_off(self, x: PETSc.Vec) -> bool:
+        """Whether Newton's correction is within the tolerance: no search lowers such a residual."""
+        correction, residual = x.duplicate(), x.duplicate()
+        self._F(self.snes, x, residual)
+        if not np.isfinite(residual.norm()):
+            return False
+        self.snes.ksp.setOperators(self._equations.tangent())
+        self.snes.ksp.solve(residual, correction)
+        unknowns, units = self._equations.unknowns, self._equations.model.units.nodes
+        motion = unknowns.to_nodes(unknowns.all(correction))
+        return bool(abs(motion / units).max(initial=0.0) <= self._newton.tolerance)
 
     # -- What SNES calls ---------------------------------------------------------------------------
 
@@ -122,8 +134,8 @@ class Newton:
         last_residual, self._residual = self._residual, unknowns.all(snes.getFunction()[0]).copy()
         if not np.isfinite(norms[2]):
             return reasons.DIVERGED_FNORM_NAN
-        if iteration == 0:
-            return None
+        if iteration == 0:  # a line search or a trust region cannot lower a residual of zero
+            return reasons.CONVERGED_FNORM_ABS if norms[2] == 0 else None
         change = unknowns.all(snes.getSolutionUpdate())
         self._reduced[:] = self._step[:] = 0.0
         self._reduced[unknowns.independent] = last_residual

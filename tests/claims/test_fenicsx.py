@@ -376,6 +376,36 @@ def test_a_solver_of_petsc_may_be_chosen(options):
     assert problem.snes.ksp.getType() == options.get("ksp_type", "preonly")
 
 
+@pytest.mark.parametrize(
+    "options",
+    [{"snes_linesearch_type": kind} for kind in ("bt", "l2", "cp")] + [{"snes_type": "newtontr"}],
+    ids=lambda options: next(iter(options.values())),
+)
+def test_a_search_ends_where_the_forces_are_in_balance_already(options):
+    """It cannot lower a residual of zero or of round-off, and called this a failure."""
+    scene, beam = cantilever()
+    scene.add_force(beam.end, (0, -5.0))
+    equilibrium = fenicsx.Equilibrium(scene, petsc_options=options)
+    state = equilibrium.run(load_steps=2)  # from load factor 0
+    engine = fb.static(scene, load_steps=2)
+    np.testing.assert_allclose(state.q, engine.q, rtol=0, atol=1e-9)
+    again = equilibrium.run(load_steps=1)  # from 1 to 1
+    np.testing.assert_allclose(again.q, 0 * again.q + engine.q[-1], rtol=0, atol=1e-9)
+    problem = fenicsx.Problem(scene, dt=DT, petsc_options=options)
+    problem.start_from(engine)
+    at_rest = problem.run(5 * DT)
+    np.testing.assert_allclose(at_rest.q, 0 * at_rest.q + engine.q[-1], rtol=0, atol=1e-9)
+
+
+def test_a_correction_that_is_not_finite_is_no_loop_that_cannot_be_closed():
+    scene, _ = cantilever()
+    problem = fenicsx.Problem(scene, dt=DT, petsc_options={"snes_linesearch_damping": np.inf})
+    problem.add(-problem.step.virtual_u[1] * problem.measure())
+    with pytest.raises(fb.StepError) as failed:
+        problem.advance()
+    assert "loop of joints" not in str(failed.value)
+
+
 def test_nodal_rules_of_a_user_are_those_of_the_engine():
     def rule(D, v0, a0, before, dt):
         path = ufl.as_vector((D[0], D[1], 2 * ufl.tan(D[2] / 2)))
