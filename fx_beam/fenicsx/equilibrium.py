@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from mpi4py import MPI
 
@@ -154,7 +155,10 @@ class Equilibrium(Steps):
         self._form.fields.end(self._state)
 
     def run(
-        self, load_steps: int = 10, after: Callable[[Equilibrium], object] | None = None
+        self,
+        load_steps: int = 10,
+        after: Callable[[Equilibrium], object] | None = None,
+        update: Callable[[Equilibrium], object] | None = None,
     ) -> Solution:
         """Take equal load steps from the present load factor to 1.
 
@@ -164,6 +168,9 @@ class Equilibrium(Steps):
             Their number.
         after : callable, optional
             ``after(equilibrium)`` is called after each step.
+        update : callable, optional
+            ``update(equilibrium)`` is called after each step, before its row is recorded, as in
+            `Problem.run`.
 
         Returns
         -------
@@ -197,7 +204,7 @@ class Equilibrium(Steps):
                 self.advance(factor)
                 self._loads.record(self._state, recorder)
                 modes.append(self.unstable_modes())
-                rows.follow()
+                rows.follow(partial(update, self) if update and step else None)
                 if step and after is not None:
                     after(self)
         except BaseException as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from mpi4py import MPI
 
@@ -191,6 +192,7 @@ class Problem(Steps):
         t_end: float,
         after: Callable[[Problem], object] | None = None,
         record: Record | None = None,
+        update: Callable[[Problem], object] | None = None,
     ) -> Solution:
         """Take steps to a time.
 
@@ -203,6 +205,10 @@ class Problem(Steps):
             Constants and Functions, or to write files.
         record : Record, optional
             What to record, by default every step.
+        update : callable, optional
+            ``update(problem)`` is called after each step, before its row is recorded: so Functions
+            of `replace_resultants` that belong to the end of the step, such as a damage, have
+            their new values in the strain energy. N, Q and M are those of the step itself.
 
         Returns
         -------
@@ -234,7 +240,7 @@ class Problem(Steps):
         try:
             for number, end in enumerate(times[1:].tolist(), start=1):
                 self._advance(end, number, recorder)
-                rows.follow()
+                rows.follow(update and partial(update, self))
                 if after is not None:
                     after(self)
         except BaseException as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from fx_beam.results.records import BeamResultants
@@ -19,12 +21,16 @@ class ReplacedRows:
         self._assembly, self._recorder = assembly, recorder
         self._rows: list[np.ndarray] = []
 
-    def follow(self) -> None:
-        """Have what follows from the fields at present in the last row, if it is new."""
+    def follow(self, update: Callable[[], object] | None = None) -> None:
+        """Have resultants of the last step, and the energy after an `update`, in a new row."""
         form, rows = self._assembly.form, self._recorder.rows
-        if form.replaced and rows > len(self._rows):
-            self._recorder.arrays["energies"][rows - 1, 1] = form.strain_energy()
+        is_new = form.replaced and rows > len(self._rows)
+        if is_new:
             self._rows.append(self._assembly.resultants())
+        if update is not None:
+            update()
+        if is_new:
+            self._recorder.arrays["energies"][rows - 1, 1] = form.strain_energy()
 
     def in_solution(self, solution: Solution) -> Solution:
         """The solution with the resultants of these rows."""

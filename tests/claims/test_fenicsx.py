@@ -303,6 +303,54 @@ def test_resultants_that_are_zero_are_those_of_the_engine():
     assert not solution.energy.strain.any() and not solution.resultants(beam).N.any()
 
 
+@pytest.mark.parametrize("kind", ["motion", "equilibria"])
+def test_rows_have_the_energy_of_functions_that_are_updated_at_the_end_of_a_step(kind):
+    """A damage that grows with curvature: its rows had the energy of the damage before."""
+    scene, beam = cantilever()
+    scene.add_force(beam.end, (0, -20.0))
+    moves = kind == "motion"
+    problem = fenicsx.Problem(scene, dt=DT) if moves else fenicsx.Equilibrium(scene)
+    damage = problem.interpolate(0.0, "damage")
+
+    def damaged(step, law):
+        motion = fb.EnergyMomentum().resultants(step, law)
+        r = motion if moves else fb.Equilibrium().resultants(step, law).end
+        return r._replace(M=(1 - damage) * r.M, m=(1 - damage) * r.m)
+
+    def energy(eps, gamma, kappa):
+        return 5e3 * (eps**2 + gamma**2) + 50 * (1 - damage) * kappa**2
+
+    problem.replace_resultants(damaged, energy)
+    bent, rows, used = abs(problem.step.strains1[2]), [], []
+
+    def grow(problem):
+        used.append(damage.x.array.copy())
+        damage.x.array[:] = np.maximum(problem.interpolate(bent).x.array, damage.x.array)
+
+    def note(problem):
+        q, h = problem.start.x.array + problem.increment.x.array, 0.25
+        nodes = np.empty(q.size)
+        nodes[problem.system.dofs] = q
+        x, y, psi = nodes.reshape(-1, 3).T
+        slope, turn = np.stack([h + np.diff(x), np.diff(y)]) / h, (psi[1:] + psi[:-1]) / 2
+        axis = np.stack([np.cos(turn), np.sin(turn)])
+        eps, kappa = (slope * axis).sum(axis=0) - 1, np.diff(psi) / h
+        gamma = slope[1] * axis[0] - slope[0] * axis[1]
+        stored = 5e3 * (eps**2 + gamma**2) + 50 * (1 - damage.x.array) * kappa**2
+        rows.append(h * stored.sum())
+
+    run = problem.run if moves else lambda steps, **options: problem.run(10, **options)
+    solution = run(10 * DT, after=note, update=grow)
+    np.testing.assert_allclose(solution.energy.strain[1:], rows, rtol=1e-10)
+    assert damage.x.array.max() > 0.01 and len(used) == 10
+    if not moves:  # N, Q and M are those of the step: of an end load
+        M = solution.resultants(beam).M[-1]
+        lever = solution.position(beam.end)[-1, 0] - np.convolve(
+            solution.q[-1][:, 0] + np.linspace(0, 1, 5), [0.5, 0.5], "valid"
+        )
+        np.testing.assert_allclose(M, -20.0 * lever, rtol=1e-8)
+
+
 def test_numbers_are_expressions():
     scene, _ = cantilever(3)
     problem = fenicsx.Problem(scene, dt=DT)
