@@ -143,6 +143,7 @@ class Equilibrium(Steps):
             If Newton's method fails; then all is as before.
         """
         require(np.isfinite(load_factor), "load_factor", load_factor, "a finite number")
+        self._form.fields.refuse_writes(self._state)
         self._equations.find_natural_strains()
         start, advice = self._state, "Try more load steps, or other petsc_options"
         try:

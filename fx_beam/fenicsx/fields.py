@@ -6,7 +6,9 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from fx_beam.errors import SceneError, require
 from fx_beam.fem.weak_form import WeakForm
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.kinematics import Step
@@ -94,6 +96,33 @@ class StepFields:
         if state.natural is not None:
             self._grid.fill(self.symbols.natural[1], state.natural)
         self._set_parameters(state.parameters)
+
+    def refuse_writes(self, state: State) -> None:
+        """Refuse values that a user has written into q, v or a, which no step would read."""
+        for function, values in zip(self.state, (state.q, state.v, state.a), strict=False):
+            if not np.array_equal(function.x.array, values[self.V_numbers]):
+                raise SceneError(
+                    f"fenicsx: what was written into problem.{function.name} would be lost. Give "
+                    "a state of your own to Problem.set_state(q=, v=)"
+                )
+
+    def in_scene(
+        self, values: fem.Function | ArrayLike, others: np.ndarray, name: str
+    ) -> np.ndarray:
+        """Values (size,) of a Function in V, with `others` at nodes without beams, or of rows."""
+        expected = "finite: a Function in problem.V, or an array (nodes, 3)"
+        if isinstance(values, fem.Function):
+            require(values.function_space == self.V, f"set_state: {name}", values, expected)
+            sums = np.zeros((2, len(others)))
+            np.add.at(sums[0], self.V_numbers, values.x.array)
+            np.add.at(sums[1], self.V_numbers, 1.0)
+            total, count = self._grid.total(sums)
+            result = np.where(count > 0, total / np.maximum(count, 1.0), others)
+        else:
+            result = np.asarray(values, dtype=float).ravel()
+        ok = result.shape == others.shape and np.isfinite(result).all()
+        require(ok, f"set_state: {name}", values, expected)
+        return result
 
     def _fill_nodes(self, function: fem.Function, values: np.ndarray) -> None:
         """Set a Function on V by values (size,)."""

@@ -7,14 +7,17 @@ from functools import partial
 
 from mpi4py import MPI
 
+from dolfinx import fem
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError, positive
 from fx_beam.fem.forms import StepForces
 from fx_beam.laws.interval import INSTANT, Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.evaluation import solution_of
-from fx_beam.motions.initial_state import Starts
+from fx_beam.motions.initial_state import Starts, drawn_state
 from fx_beam.motions.options import Options, check_scene, grid_from
 from fx_beam.motions.prepared import Prepared
 from fx_beam.motions.progress import attach, failure_of
@@ -24,6 +27,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.recorded_histories import slides_near
 from fx_beam.step.recorder import NullRecorder, Record, Recorder
 
 from .newton import PetscOptions
@@ -164,6 +168,7 @@ class Problem(Steps):
         if self._starts and self._form.has_further:
             self._accelerate()
         self._starts = False
+        self._form.fields.refuse_writes(self._state)
         self._equations.find_natural_strains()
         stepper, state = self._prepared.stepper, self._prepared.loop.state
         state.load(self._state)
@@ -259,6 +264,41 @@ class Problem(Steps):
             start = state.changed(q=state.q - 0.5 * length * state.v)
             self._form.fields.begin(Interval(self.t, self.t, length), start, start.natural)
             self._equations.assembly.residual(length * start.v)
+
+    def set_state(
+        self, q: fem.Function | ArrayLike | None = None, v: fem.Function | ArrayLike | None = None
+    ) -> None:
+        """Be in a state of one's own, at rest where nothing is given; all memory begins anew.
+
+        Supports and joints hold: in q the nodes that joints lead, and what supports hold, follow
+        from the others; v is the closest one in the norm of the mass. What writes into the
+        Functions `q` and `v` changes nothing, and is refused by the next step.
+
+        Parameters
+        ----------
+        q : Function in `V`, or (nodes, 3) float, optional
+            Displacement and rotation of each node [m, rad], by default the present ones.
+        v : Function in `V`, or (nodes, 3) float, optional
+            Rates [m/s, rad/s], by default zero.
+
+        Raises
+        ------
+        SceneError
+            For another shape or space, values that are not finite, and loops that do not close.
+        """
+        now, model, fields = self._state, self._equations.model, self._form.fields
+        wanted = now.q if q is None else fields.in_scene(q, now.q, "q")
+        rates = fields.in_scene(np.zeros(now.v.shape) if v is None else v, 0 * now.v, "v")
+        model.reduction.begin(now.q, now.slides)
+        slid = slides_near(model, wanted[None], now.slides[None])[0] - now.slides
+        y = model.couplings.unknowns(wanted - now.q, slid)
+        D = model.reduction.increment(y, np.zeros(model.reduction.driven))
+        if not np.isfinite(D).all():
+            raise SceneError("fenicsx: set_state: a loop of joints cannot be closed near this q")
+        slides = now.slides + model.couplings.free_slides(y, len(slid))
+        kept = {name: getattr(now, name) for name in ("t", "motors", "natural", "parameters")}
+        start = drawn_state(model).changed(q=now.q + D, slides=slides, fitted=rates, **kept)
+        self._set(self._prepared.state_from(start, self.dt), starts=True)
 
     def start_from(self, solution: Solution, row: int = -1) -> None:
         """Go on from a solution, of `run` or of `fx_beam.simulate` or `static`.

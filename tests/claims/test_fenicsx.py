@@ -481,6 +481,71 @@ def test_a_motion_goes_on_from_the_engine_and_in_it():
     np.testing.assert_allclose(again.q[-1], whole.q[-1], rtol=0, atol=1e-12)
 
 
+def test_a_state_may_be_set_by_functions():
+    (scene, _), (same, beam) = cantilever(8), cantilever(8)
+    same.set_velocity(beam, lambda x, y: (0.0, x**2), spin=lambda x, y: 2 * x)
+    problem = fenicsx.Problem(scene, dt=DT)
+    v = fem.Function(problem.V)
+    v.sub(0).interpolate(lambda x: (0 * x[0], x[0] ** 2))
+    v.sub(1).interpolate(lambda x: 2 * x[0])
+    problem.set_state(v=v)
+    assert_same(problem.run(T_END), fb.simulate(same, dt=DT, t_end=T_END))
+
+
+def test_a_state_may_be_set_by_arrays():
+    """A shape that a force has bent, which is let go: its energy is that of the engine."""
+    scene, first, second = pair()
+    loaded, arm, rod = pair()
+    loaded.pin(rod.end)
+    loaded.add_force(arm.end, (0, -30.0))
+    bent = fb.static(loaded, load_steps=4)
+    problem = fenicsx.Problem(scene, dt=DT)
+    problem.run(3 * DT)
+    problem.set_state(q=bent.q[-1])
+    at_start = problem.energies()
+    assert at_start["strain"] == pytest.approx(bent.energy.strain[-1], rel=1e-10)
+    assert at_start["kinetic"] == 0.0
+    solution = problem.run(T_END)
+    engine = fb.simulate(scene, dt=DT, t_end=T_END - 3 * DT, start=bent)
+    np.testing.assert_allclose(solution.q, engine.q, rtol=0, atol=1e-11)
+    assert abs(solution.energy.balance_error).max() < 1e-11
+
+
+def test_what_joints_and_supports_say_holds_in_a_state_that_is_set():
+    scene, first, second = pair()
+    problem = fenicsx.Problem(scene, dt=DT)
+    rng = np.random.default_rng(0)
+    q, v = rng.normal(size=(2, len(scene.nodes), 3)) * 0.05
+    problem.set_state(q, v)
+    rows, rates = np.empty((2, q.size))
+    rows[problem.system.dofs], rates[problem.system.dofs] = problem.q.x.array, problem.v.x.array
+    rows, rates = rows.reshape(q.shape), rates.reshape(q.shape)
+    pin, a, b = (node.number for node in (first.start, first.end, second.start))
+    for values in (rows, rates):
+        np.testing.assert_allclose(values[pin, :2], 0, atol=1e-15)
+        np.testing.assert_allclose(values[a, :2], values[b, :2], atol=1e-12)
+    free = np.delete(np.arange(len(q)), [pin, a, b])
+    np.testing.assert_allclose(rows[free], q[free], atol=1e-15)
+    assert abs(problem.run(5 * DT).energy.balance_error).max() < 1e-10
+
+
+def test_what_is_written_into_the_state_is_refused_and_not_lost():
+    scene, _ = cantilever()
+    for make in (lambda: fenicsx.Problem(scene, dt=DT), lambda: fenicsx.Equilibrium(scene)):
+        for name in "qva":
+            problem = make()
+            getattr(problem, name).sub(1).interpolate(lambda x: 1 + x[0])
+            assert_refused(f"written into problem.{name}", problem.advance, 0.1)
+    problem = fenicsx.Problem(scene, dt=DT)
+    for value in (
+        np.zeros((3, 3)),
+        np.full((5, 3), np.nan),
+        fem.Function(problem.u.function_space),
+    ):
+        assert_refused("set_state: [qv]", problem.set_state, value)
+        assert_refused("set_state: [qv]", problem.set_state, None, value)
+
+
 def test_a_step_that_fails_says_dt_and_leaves_all_as_it_was():
     scene, *_ = pair()
     problem = fenicsx.Problem(scene, dt=DT)
