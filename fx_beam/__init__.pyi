@@ -55,6 +55,7 @@ from .results.stresses import BeamStress as BeamStress
 from .results.vibrations import (
     FrequencyResponse as FrequencyResponse,
     Modes as Modes,
+    Participation as Participation,
     PeriodicFamily as PeriodicFamily,
     PeriodicMotion as PeriodicMotion,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,9 @@ import scipy.linalg
 from fx_beam.errors import SceneError, is_flag, is_whole, require, vector
 from fx_beam.fem.frictions import bristles_of
 from fx_beam.results.solution import Solution
-from fx_beam.results.vibrations import Modes, modes_of
+from fx_beam.results.vibrations import Excitation, Modes, modes_of
 from fx_beam.scene.scene import Scene
+from fx_beam.step.accelerations import acceleration_of
 from fx_beam.step.extended import Extended
 from fx_beam.step.rounding import warn_of_rounding
 
@@ -310,7 +312,18 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
                 _, rigid_there, vectors_there = reference.undamped_modes.lowest(n)
                 lost = _bends(reference, reference.at_nodes(vectors_there[:, rigid_there]))
         warn_of_rounding(about.K, vectors[:, ~rigid], "modes: frequencies have", lost)
-    return modes_of(about.model, about.start.q, shapes, omega, rigid, ratios, roots)
+    found = modes_of(about.model, about.start.q, shapes, omega, rigid, ratios, roots)
+    return replace(found, excitation=_excitation(about))
+
+
+def _excitation(about: Linearisation) -> Excitation:
+    """Forces of inertia by unit accelerations of the ground."""
+    model = about.model
+    translations = np.tile(np.eye(2, 3), model.size // 3)
+    forces = (model.masses.matrix @ translations.T).T
+    pushes = [about.unknown_forces(force) for force in forces]
+    moved = [acceleration_of(about.M, push, about.unit) for push in pushes]
+    return Excitation(forces.reshape(2, -1, 3), np.array(pushes) @ np.array(moved).T)
 
 
 def _bends(about: Linearisation, shapes: np.ndarray) -> bool:

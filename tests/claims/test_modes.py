@@ -463,3 +463,55 @@ def test_a_node_on_a_bent_beam_is_where_it_slid_though_its_joint_has_another_num
     assert fb.modes(scene, other_state, n=3).angular_frequencies == pytest.approx(
         expected, rel=1e-9
     )
+
+
+# -- A shaken ground ------------------------------------------------------------------------------
+
+
+def storeys(arm=0.0):
+    """Two storeys of 2 and 3 kg on springs of 100 and 50 N/m, the second on an arm of its body."""
+    scene = fb.Scene()
+    first = scene.add_body((0, 0), 2.0, 1.0).centre
+    body = scene.add_body((1, arm), 3.0, 1.0, points={"foot": (1, 0)} if arm else None)
+    second = body["foot"] if arm else body.centre
+    for node in (first, body.centre):
+        scene.fix(node, "y", "rotation")
+    scene.add_spring(first, x=fb.Spring(100.0))
+    scene.add_force_between(first, second, spring=fb.Spring(50.0, rest=1.0))
+    return scene
+
+
+@pytest.mark.parametrize("arm", [0.0, 0.5])
+def test_participation_factors_are_those_of_a_model_of_two_masses(arm):
+    K, M = np.array([[150.0, -50.0], [-50.0, 50.0]]), np.diag([2.0, 3.0])
+    _, vectors = scipy.linalg.eigh(K, M)
+    factors = vectors.T @ M @ [1, 1]
+    shaken = fb.modes(storeys(arm), n=2).participation((1, 0))
+    assert shaken.effective_masses == pytest.approx(factors**2, rel=1e-9)
+    assert shaken.total == pytest.approx(5.0)
+    across = fb.modes(storeys(arm), n=2).participation((0, 1))
+    assert abs(across.factors).max() < 1e-9
+
+
+def test_all_modes_together_have_the_whole_effective_mass_in_any_direction():
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
+    post = scene.add_beam([(0, 0), (0, 1)], section, elements=4, degree=2)
+    beam = scene.add_beam([post.end, (1, 1)], section, elements=4, degree=2)
+    scene.clamp(post.start)
+    joint = scene.add_beam([(1, 1), (1, 0)], section, elements=4, degree=2)
+    scene.add_joint(fb.Revolute(beam.end, joint.start))
+    scene.add_mass(joint.end, 2.0, 0.1)
+    modes = fb.modes(scene, n=200)
+    for direction in (1, 0), (0, 3), (1, -2):
+        shaken = modes.participation(direction)
+        assert shaken.effective_masses.sum() == pytest.approx(shaken.total, rel=1e-9)
+        assert shaken.shares.sum() == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_ground_without_direction_and_modes_without_mass_are_refused():
+    modes = fb.modes(storeys(), n=1)
+    assert_refused("direction.*not zero", modes.participation, (0, 0))
+    scene = storeys()
+    scene.add_spring(scene.nodes[0], x=fb.Damper(3.0))
+    assert_refused("undamped ones", fb.modes(scene, n=1).participation, (1, 0))

@@ -75,6 +75,17 @@ def test_static_rolls_a_beam_up_as_exact():
     assert fb.Equilibrium().rates == fb.AtRest()
 
 
+def test_effective_masses_of_a_cantilever_are_those_of_its_closed_form():
+    """Of a slender uniform cantilever: 0.6131, 0.1883, 0.0647 (Clough & Penzien, Dynamics)."""
+    scene, beam = clamped_bar((0, 1), fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=1.0), 64)
+    shaken = fb.modes(scene, n=3).participation((1, 0))
+    assert isinstance(shaken, fb.Participation)
+    assert shaken.effective_masses == pytest.approx([0.6131, 0.1883, 0.0647], rel=2e-3)
+    assert shaken.effective_masses == pytest.approx(shaken.factors**2)
+    # The clamped node has half of the mass of an element.
+    assert shaken.total == pytest.approx(1 - 0.5 / 64, rel=1e-2)
+
+
 def test_stresses_are_those_of_the_moment():
     section = fb.Section(**DATA, A=0.02, I=1e-4, As=0.01, edges=(-0.1, 0.3))
     scene, beam = clamped_bar((2, 0), section, 8)
