@@ -60,6 +60,11 @@ class Forcing:
         """The functions of time of prescribed motions and motors."""
         return [function for function, _ in self._driven]
 
+    @property
+    def names(self) -> list[str]:
+        """Names of prescribed motions and motors, for messages."""
+        return [name for _, name in self._driven]
+
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
         start, end = just_inside(step.start, step.end)

@@ -520,6 +520,39 @@ def test_a_support_that_jumps_just_after_the_start_does_as_one_that_jumps_later(
     assert abs(at_once[:-2] - later[2:]).max() < 1e-6 * size
 
 
+@pytest.mark.parametrize("at", [0.0, 0.1, 0.1009])
+@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT(-0.1), fb.GeneralizedAlpha(0.8)], ids=str)
+@pytest.mark.parametrize("kind", ["support", "motor"])
+def test_newmarks_family_tells_of_driven_motions_that_jump_at_any_time(kind, scheme, at, caplog):
+    """A mass behind a spring, u'' = w^2 (x - u): u is right, the acceleration of x is not."""
+
+    def run(scheme, rate, jump):
+        scene = fb.Scene()
+        ends = [scene.add_body((x, 0), 1.0, 0.1).centre for x in (0, 1)]
+        for node in ends[kind == "motor" :]:
+            scene.fix(node, "y", "rotation")
+
+        def law(t):
+            return jump * (t > at) + rate * np.sin(30 * t) ** 2
+
+        if kind == "motor":
+            scene.add_joint(fb.Prismatic(fb.GROUND, ends[0], axis=(1, 0), motor=law))
+        else:
+            scene.prescribe(ends[0], x=law)
+        scene.add_force_between(*ends, spring=fb.Spring(40.0, rest=1.0))
+        return fb.simulate(scene, scheme, dt=2e-3, t_end=0.3), ends
+
+    motion, (driven, mass) = run(scheme, 0.0, 0.1)
+    assert "jumps in the step to t = " in caplog.text and "displacements are right" in caplog.text
+    w, t = np.sqrt(40.0), np.maximum(motion.t - at, 0.0)
+    exact = 0.1 * (1 - np.cos(w * t))
+    np.testing.assert_allclose(motion.displacement(mass)[:, 0], exact, rtol=0, atol=1e-3)
+    assert abs(motion.acceleration(driven)[int(at / 2e-3) + 10, 0]) > 1e3  # for 0
+    caplog.clear()
+    run(scheme, 0.1, 0.0), run(fb.EnergyMomentum(), 0.0, 0.1)
+    assert "jumps" not in caplog.text
+
+
 def test_what_hangs_on_a_support_that_starts_with_a_speed_has_the_rates_of_the_blow():
     """The projection by hand, with the consistent mass of elements of degree 1."""
     V, n, rhoA, length = 0.7, 3, 2.0, 1.5
