@@ -183,8 +183,8 @@ def simulate(
         dictionary of `outputs` changes its sign, or a condition such as ``y["x"] > 0.5`` becomes
         true. The last step ends there exactly, up to 1e-13 of its length, so that nothing is
         interpolated. It may be some functions by their names; `Stats.until` is the name of the
-        one that ended the motion. What changes twice within a step is not seen. Forces are means
-        over the step that ends there.
+        one that ended the motion. What changes twice within a step is not seen. Of forces, which
+        are means over steps, those at the end count, by the line through the last two means.
     outputs : dict, optional
         What `until` needs: `Output` by names, as in `Motion`.
     changes : dict, optional

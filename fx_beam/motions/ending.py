@@ -9,7 +9,9 @@ import numpy as np
 
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError, is_number, shown
-from fx_beam.scene.outputs import is_section_force
+from fx_beam.results.state import FORCES
+from fx_beam.scene.measured import Measured
+from fx_beam.scene.outputs import Output, is_section_force
 from fx_beam.step.recorder import Mark, NullRecorder, Recorder, Rows
 
 from .measurement import Instant, fitted_value, readings
@@ -31,10 +33,15 @@ _MOST_TRIALS = 200
 
 
 class _Start(NamedTuple):
-    """The start of a step: its mark and the statistics before it."""
+    """The start of a step: its mark and the statistics before it.
+
+    And the means of the step before, by the names of outputs, with its length [s]; 0 at the start.
+    """
 
     mark: Mark
     stats: dict[str, Any]
+    means: dict[str, Any]
+    length: float
 
     def with_parts(self, halving: dict[str, Any]) -> _Start:
         """A start of steps with as many parts as the control of halving has."""
@@ -59,6 +66,14 @@ class Ending:
         self._readings = readings(prepared, self._value, outputs, self._last_row if every else None)
         #: Whether outputs read the rows of trial steps.
         self._reads_rows = any(map(is_section_force, outputs.values()))
+        #: Outputs that are means over a step.
+        self._of_means = [
+            key
+            for key, output in outputs.items()
+            if prepared.model.scheme.rates.mean_based and _is_mean(output)
+        ]
+        #: These means in the last step.
+        self._means: dict[str, Any] = {}
         self._start_before: _Start | None = None
         #: Length of the last step [s]; zero before the first one.
         self._length = 0.0
@@ -112,7 +127,8 @@ class Ending:
             if abs(value) <= _ZERO * abs(self._values[first]):
                 start, ends[first] = longer, t1  # where round-off decides the sign
             elif _changes(self._values[first], value):
-                start, ends[first] = longer, self._zero(first, longer, t0, t1, value)
+                low = start_before.mark.t if self._of_means else t0
+                start, ends[first] = longer, self._zero(first, longer, low, t1, value)
             elif ends[first] < soon and _changes(
                 self._values[first], self._at(first, start, least)
             ):
@@ -168,12 +184,19 @@ class Ending:
         number, ends = self._stepper.stats.steps + 1, np.array([t])
         recorder.plan(number, ends, last=False)
         self._stepper.advance(ends, number, recorder)
-        return self._values_after(start.mark, recorder.end, [name])[name]
+        return self._values_after(start.mark, recorder.end, [name], start)[name]
 
     def _values_after(
-        self, start: Mark, end: Mark, names: Sequence[str] | None = None
+        self,
+        start: Mark,
+        end: Mark,
+        names: Sequence[str] | None = None,
+        before: _Start | None = None,
     ) -> dict[str, float]:
-        """Values of conditions at the end of a step: numbers, or 1 where they are met, else -1."""
+        """Values of conditions at the end of a step: numbers, or 1 where they are met, else -1.
+
+        Of means, or of what these lead to at the end, from those `before` the step.
+        """
         first = last = None
         if self._prepared.model.fits_rates:
             forcing, dt = self._prepared.forcing, end.t - start.t or self._ahead
@@ -185,6 +208,12 @@ class Ending:
                 last = Instant(forcing, start.t + dt, dt, copied(end.state), None, first)
         self._step = first, last
         outputs = {key: read() for key, read in self._readings.items()}
+        if before is None:
+            self._means = {key: outputs[key] for key in self._of_means}
+        elif before.length:
+            part = (end.t - start.t) / (end.t - start.t + before.length)
+            for key, mean in before.means.items():
+                outputs[key] = outputs[key] + part * (outputs[key] - mean)
         values: dict[str, float] = {}
         for name in self._conditions if names is None else names:
             try:
@@ -216,11 +245,19 @@ class Ending:
 
     def _mark(self) -> _Start:
         stats = self._stepper.stats
-        return _Start(self._recorder.end, vars(stats) | {"ended_by": dict(stats.ended_by)})
+        known = vars(stats) | {"ended_by": dict(stats.ended_by)}
+        length = self._length if self._recorder.end is self._last else 0.0
+        return _Start(self._recorder.end, known, self._means, length)
 
     def _return_to(self, start: _Start) -> None:
         self._stepper.return_to(start.mark, self._recorder)
         vars(self._stepper.stats).update(start.stats | {"ended_by": dict(start.stats["ended_by"])})
+
+
+def _is_mean(output: Output) -> bool:
+    """Whether an output is a mean over a step, by schemes that have forces at mid-step."""
+    means = "a", "reactions", "motor_forces", *FORCES
+    return is_section_force(output) or Measured(output).quantity.of in means
 
 
 def _changes(old: float, value: float) -> bool:
