@@ -229,10 +229,10 @@ class NodalRates(UpdateRule):
         over the step, `v0` and `a0` are rates and accelerations at its start, `before` is the
         increment over the last step or sub-step (zero in the first), `dt` is the length [s]. A
         tuple has a rule for each sub-step of the scheme.
-    level : {0.5, 1.0}
-        Level of the step at which forces are evaluated. At 0.5 forces do work on 2 tan(D/2) of
-        rotations, as by `MidPointRates`, at 1.0 on D. Forces that depend on rates take the mean
-        rate of the step.
+    level : float
+        Level l in (0, 1] of the step at which forces are evaluated: 1 is its end. At 0.5 forces do
+        work on 2 tan(D/2) of rotations, as by `MidPointRates`, at others on D. Forces that depend
+        on rates take the mean rate at 0.5, else v0 + 2 l (D/dt - v0), with an error of dt^2.
 
     Raises
     ------
@@ -266,8 +266,8 @@ class NodalRates(UpdateRule):
     def __post_init__(self):
         ok = bool(self.rules) and all(map(callable, self.rules))
         require(ok, "NodalRates: rule", self.rule, "a function of D, v0, a0, before and dt")
-        ok = as_float(self.level) in (0.5, 1.0)
-        require(ok, "NodalRates: level", self.level, "0.5 or 1.0")
+        ok = 0 < as_float(self.level) <= 1
+        require(ok, "NodalRates: level", self.level, "a number above 0, at most 1")
         object.__setattr__(self, "level", as_float(self.level))
         for rule in self.rules:
             self._check(rule)
@@ -336,7 +336,8 @@ class NodalRates(UpdateRule):
         return parts
 
     def fields(self, Du, Dpsi, v0, a0, dt):
-        """Mean velocity and mean spin of the step."""
+        """Mean velocity and mean spin of the step, or those at its level to second order."""
         if self.turning:
             return MidPointRates().fields(Du, Dpsi, v0, a0, dt)
-        return Du / dt, Dpsi / dt
+        pairs = zip((Du, Dpsi), v0, strict=True)
+        return tuple(v + 2 * self.level * (D / dt - v) for D, v in pairs)

@@ -398,7 +398,7 @@ REFUSED = {
         (lambda p: fb.MidPoint(order=3), "MidPoint: order = 3 must be 2 or 4"),
         (lambda p: fb.EnergyDecaying(damping=-1.0), "EnergyDecaying: damping"),
         (lambda p: fb.NodalRates(3), "NodalRates: rule"),
-        (lambda p: fb.NodalRates(lambda D, *rest: (D, D, D), level=0.7), "NodalRates: level"),
+        (lambda p: fb.NodalRates(lambda D, *rest: (D, D, D), level=1.2), "NodalRates: level"),
         (lambda p: fb.Scheme("mine", 3, fb.MidPointRates()), "Scheme: resultants"),
         (lambda p: fb.Scheme("mine", lambda step: 1.0, fb.MidPointRates()), "take .step, law."),
         (lambda p: p.run(fb.Scheme("mine", lambda *_: None, fb.MidPointRates())),
