@@ -46,9 +46,9 @@ class Equations:
         #: What C has of a step.
         self.c_step = StepInC(*problem.results(D=n, z=reduction.columns, r=n, f=n))
         #: In C: dead forces (size,) at the level of the step, natural strains at its end, flat.
-        self._dead, _, self._natural_in_c = problem.given()
+        self.dead, _, self._natural_in_c = problem.given()
         at_rest = loop.model.scheme.rates.at_rest
-        self._inertia = None if at_rest else Inertia(loop, assembly.mass)
+        self._inertia = None if at_rest else Inertia(loop)
         #: All forces (size,), internal ones, and those of added terms, where they were found last.
         self.forces, self.internal, self._added = np.zeros((3, n))
         # Natural strains (cells, degree, 3) that a user gives at the end of a step.
@@ -107,7 +107,7 @@ class Equations:
                 failure = "OPEN_LOOP" if np.isfinite(y).all() else "NO_CONVERGENCE"
             raise NoConfigurationError(getattr(constants, failure))
         self.internal, self._added = self.assembly.residual(D)
-        self.forces = self.internal + self._added - self._dead
+        self.forces = self.internal + self._added - self.dead
         if self._inertia is not None:
             self.forces += self._inertia.force(D)
         model.forms.compiled_points.add_force(D, self.forces)

@@ -267,8 +267,8 @@ class Equilibrium(Steps):
             raise SceneError("fenicsx: eigenvalues need SLEPc: install Debian's python3-slepc4py")
         from slepc4py import SLEPc
 
-        unknowns = self._equations.unknowns
-        M = (unknowns.Tv.T @ self._equations.assembly.mass @ unknowns.T).tocsr()
+        unknowns, mass = self._equations.unknowns, self._equations.model.masses.matrix
+        M = (unknowns.Tv.T @ mass @ unknowns.T).tocsr()
         if not abs(M).sum():
             raise SceneError("fenicsx: eigenvalues: the scene has no mass. Give rhoA, or add_mass")
         solver = SLEPc.EPS().create(self.mesh.comm)

@@ -31,7 +31,7 @@ class StepFields:
         #: Names of the Functions and Constants of the form.
         self.named = {symbol: name for symbol, name in written.named.items() if symbol is not None}
         for symbol, name in self.named.items():
-            symbol.name = name
+            symbol.name = name.replace(" ", "_")  # FFCx 0.5 takes it into C
         self._grid, self._rates = grid, model.scheme.rates
         self._scene_parameters = model.forms.parameters
         #: Start, increment and arguments of forms: Functions and Constants.

@@ -11,9 +11,11 @@ from ufl.core.expr import Expr
 
 import numpy as np
 
-from fx_beam.errors import SceneError, require
+from fx_beam.errors import SceneError, require, warn_once
+from fx_beam.fem.beam_data import section_data
 from fx_beam.fem.weak_form import WeakForm
 from fx_beam.laws.kinematics import Step
+from fx_beam.laws.rates import NewmarkRates
 from fx_beam.laws.resultants import Resultants as StepResultants
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.law import Law
@@ -22,7 +24,7 @@ from fx_beam.step.model import Model
 from .fields import StepFields
 from .grid import Grid
 from .symbols import DolfinxSymbols
-from .versions import CompiledForm, compiled, fits, is_empty, terminals
+from .versions import CompiledForm, compiled, confuses_rules, fits, is_empty, terminals
 
 Resultants = Callable[[Step, Law], StepResultants]
 #: Stored energy per length of axial strain, shear strain and curvature.
@@ -89,16 +91,46 @@ class StepForm:
         self._energy = None if energy is None else compiled(ufl.replace(energy, self.fields.ends))
 
     @property
+    def parts(self) -> list[ufl.Form]:
+        """Forms of the scene and of a user, whose sum is the residual without inertia."""
+        own = [self.grid.of_materials(term.form) for term in self.terms]
+        return [*own, *(term.form for term in self.added)]
+
+    @property
     def F(self) -> ufl.Form:
         """The residual without inertia."""
-        own = [self.grid.of_materials(term.form) for term in self.terms]
-        return sum([term.form for term in self.added], sum(own[1:], own[0]))
+        first, *others = self.parts
+        form = sum(others, first)
+        if confuses_rules(form):
+            warn_once(
+                "fenicsx: F has several Gauss rules, one with a single point. FFCx 0.5 confuses "
+                "them in one form, which may be wrong: assemble problem.parts one by one"
+            )
+        return form
 
     @property
     def J(self) -> ufl.Form:
         """dF/dD, the derivative of the residual by the increment."""
         symbols = self.fields.symbols
         return ufl.derivative(self.F, symbols.increment, symbols.trial)
+
+    def inertia(self, model: Model) -> ufl.Form:
+        """Inertia of beams, if rates are Newmark's (eqs 19 to 21)."""
+        rates, symbols = model.scheme.rates, self.fields.symbols
+        if not isinstance(rates, NewmarkRates):
+            raise SceneError(
+                f"fenicsx: F_inertia: accelerations of {model.scheme.name} are nodal, and no field "
+                "in UFL. Use system.M times nodal accelerations, or a scheme of Newmark's family"
+            )
+        points = self.grid.degree + 1
+        data = section_data(model.mesh, model.scene, ("rhoA", "rhoI"), points)
+        density = symbols.symbols.data(data.shape[1], (2,))
+        self.grid.fill(density, np.asarray(data, float))
+        v0, a0 = symbols.start_rates
+        a, _ = rates.acceleration(symbols.increment, v0, a0, symbols.dt)
+        factors, test = (density[0], density[0], density[1]), symbols.test
+        work = sum(factor * a[i] * test[i] for i, factor in enumerate(factors))
+        return work * self.grid.measure(None, points)
 
     @property
     def has_further(self) -> bool:

@@ -13,8 +13,8 @@ from fx_beam.step.loop import CompiledLoop
 class Inertia:
     """Forces M a (size,) of nodal accelerations a(D), and their tangent M da/dD."""
 
-    def __init__(self, loop: CompiledLoop, mass: scipy.sparse.csr_matrix):
-        self._loop, self._model, self._mass = loop, loop.model, mass
+    def __init__(self, loop: CompiledLoop):
+        self._loop, self._model, self._mass = loop, loop.model, loop.model.masses.matrix
         #: Slopes da/dD: of each degree of freedom (size,), or of nodes (nodes, 3, 3).
         self._slopes = np.zeros(0)
 

@@ -171,10 +171,31 @@ class Steps:
     def F(self) -> ufl.Form:
         """Residual of a step without inertia, whose rates are nodal, and forces at points.
 
-        It has terms of drag, and those that were added, by Gauss rules of their own. A user's own
-        tags of cells do not compile with those of `cell_tags` in one form.
+        A user's own tags of cells do not compile with those of `cell_tags` in one form, and FFCx
+        0.5 confuses Gauss rules: where there are several, assemble the forms of `parts`.
         """
         return self._form.F
+
+    @property
+    def parts(self) -> list[ufl.Form]:
+        """Forms whose sum is F: internal forces, drag if there is any, and added terms."""
+        return self._form.parts
+
+    @property
+    def F_inertia(self) -> ufl.Form:
+        """Inertia of beams in a step, for schemes of Newmark's family.
+
+        F, this and minus `loads` are the residual of `system`, but for lumped masses and forces at
+        points; assemble each alone, as their Gauss rules differ. Other schemes have nodal
+        accelerations: their inertia is `system.M` times them, and no integral; then this is a
+        SceneError.
+        """
+        return self._form.inertia(self._equations.model)
+
+    @property
+    def loads(self) -> np.ndarray:
+        """Dead loads and gravity (size,) of the last step at its level, as in `system` [N, N m]."""
+        return self._equations.dead.copy()
 
     @property
     def J(self) -> ufl.Form:
@@ -243,7 +264,7 @@ class Steps:
             "kinetic", "strain" (of beams), "potential" and "springs" (all other stored energy) [J].
         """
         state, model = self._state, self._equations.model
-        weight, mass = model.masses.weight, self._equations.assembly.mass
+        weight, mass = model.masses.weight, model.masses.matrix
         return {
             "kinetic": float(state.v @ (mass @ state.v)) / 2,
             "strain": self._form.strain_energy(),

@@ -46,8 +46,8 @@ class System:
 
     @property
     def M(self) -> PETSc.Mat:
-        """Mass matrix, as a copy [kg, kg m^2]."""
-        return self._distributed(self._assembly.mass)
+        """Mass matrix of beams and lumped masses, as a copy [kg, kg m^2]."""
+        return self._distributed(self._equations.model.masses.matrix)
 
     @property
     def T(self) -> scipy.sparse.csr_matrix:

@@ -158,3 +158,10 @@ def terminals(part: Expr | ufl.Form) -> set[Expr]:
 def fits(tags: MeshTags, mesh: Mesh) -> bool:
     """Whether tags are of a mesh, where dolfinx says of which they are, and else is sure of it."""
     return not hasattr(tags, "mesh") or tags.mesh.topology is mesh.topology
+
+
+def confuses_rules(form: ufl.Form) -> bool:
+    """Whether a form has a single Gauss point and other rules, which FFCx 0.5 confuses."""
+    cells = [part for part in form.integrals() if part.integral_type() == "cell"]
+    degrees = {part.metadata().get("quadrature_degree") for part in cells}
+    return len(degrees) > 1 and 1 in degrees and hasattr(ufl, "FiniteElement")

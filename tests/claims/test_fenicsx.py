@@ -177,6 +177,51 @@ def test_the_residual_compiles_with_terms_on_beams_and_at_ends(materials):
     assert matrix[clamp[0], clamp[0]] == pytest.approx(1e4 / 0.5 / 2)  # EA/h of the mean
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    "scheme", [fb.Newmark(), fb.HHT(-0.1), fb.GeneralizedAlpha(0.8)], ids=lambda of: of.name
+)
+def test_the_residual_is_the_form_with_inertia_less_loads(scheme, degree):
+    """Also where supports are: what is left there are their forces."""
+    tapered = fb.Section(1e4, 1e4, 100.0, rhoA=lambda s: 1 + s, rhoI=lambda s: 0.1 * (2 - s))
+    scene, beam = clamped_bar((1, 0), tapered, 3, degree=degree, gravity=(0, -9.81))
+    scene.add_force(beam.end, lambda t: (0, 50 * t))
+    problem = fenicsx.Problem(scene, scheme, dt=DT)
+    solution = problem.run(5 * DT)
+    loads = problem.loads.reshape(-1, 3)[:, 1:].T
+    r = assembled(problem, problem.F) + assembled(problem, problem.F_inertia) - loads
+    size = abs(solution.reactions).max()
+    np.testing.assert_allclose(r[:, 1:], 0, atol=1e-9 * size)
+    np.testing.assert_allclose(r[:, 0], solution.reactions[-1, 0, 1:], atol=1e-9 * size)
+    level = scheme.rates.level  # of the mass 1.5 and of the force, by hand
+    assert problem.loads[1::3].sum() == pytest.approx(-1.5 * 9.81 + 50 * (4 + level) * DT)
+    assert_refused("are nodal", lambda: fenicsx.Problem(scene, dt=DT).F_inertia)
+
+
+def test_gauss_rules_that_ffcx_confuses_in_one_form_are_named(caplog):
+    scene, beam = cantilever()
+    scene.add_drag(beam, linear=1.0)
+    problem = fenicsx.Problem(scene, fb.HHT(-0.1), dt=DT)
+    assert_same(problem.run(5 * DT), fb.simulate(scene, fb.HHT(-0.1), dt=DT, t_end=5 * DT))
+    assert not caplog.text
+    assert problem.F and len(problem.parts) == 2
+    assert ("assemble problem.parts" in caplog.text) == hasattr(ufl, "FiniteElement")
+
+
+def test_the_mass_is_the_form_of_mass_of_dolfinx():
+    scene, *_ = pair(degree=2)
+    problem = fenicsx.Problem(scene, dt=DT)
+    u, v = ufl.TrialFunction(problem.V), ufl.TestFunction(problem.V)
+    density = ufl.as_vector((1.0, 1.0, 0.1))
+    form = sum(density[i] * u[i] * v[i] for i in range(3)) * problem.measure(points=3)
+    local = fem.petsc.assemble_matrix(fem.form(form))
+    local.assemble()
+    dofs, M = problem.system.dofs, problem.system.M
+    here = M.getValues(*[range(M.size[0])] * 2)
+    there = local.getValues(*[range(local.size[0])] * 2)
+    np.testing.assert_allclose(here[np.ix_(dofs, dofs)], there, atol=1e-14)
+
+
 # -- Resultants and natural strains ----------------------------------------------------------------
 
 
