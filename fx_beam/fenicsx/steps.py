@@ -253,7 +253,27 @@ class Steps:
         dolfinx.fem.Function
             Discontinuous, of one degree less than the elements.
         """
-        return self._form.grid.interpolated(self.at_points(expression), name)
+        values = self.at_points(expression)
+        expected = "a scalar or a vector"
+        require(values.ndim < 4, "fenicsx: interpolate: expression", expression, expected)
+        return self._form.grid.interpolated(values, name)
+
+    def function(self, name: str, shape: tuple[int, ...] = ()) -> fem.Function:
+        """Make a Function of zeros at the Gauss points, in the space of `interpolate`.
+
+        Parameters
+        ----------
+        name : str
+            Its name, in files.
+        shape : tuple, optional
+            Shape of a value: a scalar, or (n,) of a vector.
+
+        Returns
+        -------
+        dolfinx.fem.Function
+            For internal variables of one's own.
+        """
+        return self.interpolate(ufl.zero(*shape), name)
 
     def energies(self) -> dict[str, float]:
         """Energies at the end of the last step, assembled by dolfinx.

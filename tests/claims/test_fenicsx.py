@@ -355,7 +355,7 @@ def test_rows_have_the_energy_of_functions_that_are_updated_at_the_end_of_a_step
     scene.add_force(beam.end, (0, -20.0))
     moves = kind == "motion"
     problem = fenicsx.Problem(scene, dt=DT) if moves else fenicsx.Equilibrium(scene)
-    damage = problem.interpolate(0.0, "damage")
+    damage = problem.function("damage")
 
     def damaged(step, law):
         motion = fb.EnergyMomentum().resultants(step, law)
@@ -396,11 +396,52 @@ def test_rows_have_the_energy_of_functions_that_are_updated_at_the_end_of_a_step
         np.testing.assert_allclose(M, -20.0 * lever, rtol=1e-8)
 
 
+class VonKarman(fb.Resultants):
+    """The theory of moderate deflections along x, with strains u' + w'^2/2, w' - psi, psi'."""
+
+    def virtual_work(self, step):
+        slope, bent = step.prime(step.u0 + step.Du)[1], step.prime(step.virtual_psi)
+        du, dw = step.prime(step.virtual_u)
+        return self.N * (du + slope * dw) + self.Q * (dw - step.virtual_psi) + self.M * bent
+
+
+def von_karman(step, law):
+    du, dw = step.prime(step.u0 + step.Du)
+    psi = step.psi0 + step.Dpsi
+    N, Q, M = law.resultants(du + dw**2 / 2, dw - psi, step.prime(psi))
+    return VonKarman(step.t0, step.t0, N, Q, M, m=M)
+
+
+def test_a_theory_of_ones_own_is_a_class_with_its_virtual_work():
+    """Cantilever: w of linear theory, by 8 elements with one Gauss point, and u of its slopes."""
+    n, F = 8, -30.0
+    scene, beam = cantilever(n)
+    scene.add_force(beam.end, (0, F))
+    equilibrium = fenicsx.Equilibrium(scene)
+    equilibrium.replace_resultants(von_karman)
+    solution = equilibrium.run(load_steps=2)
+    u, w, _ = solution.q[-1].T
+    assert w[-1] == pytest.approx(F / 300 * (1 - 1 / (4 * n**2)) + F / 1e4, rel=1e-9)
+    np.testing.assert_allclose(np.diff(u), -n * np.diff(w) ** 2 / 2, rtol=1e-9)
+    assert np.isnan(solution.energy.strain).all()
+    scheme = fb.Scheme("von Karman", von_karman, fb.NewmarkRates(0.25, 0.5))
+    here = fenicsx.Problem(scene, scheme, dt=DT).run(T_END)
+    assert_same(here, fb.simulate(scene, scheme, dt=DT, t_end=T_END), 1e-11)
+
+
 def test_numbers_are_expressions():
     scene, _ = cantilever(3)
     problem = fenicsx.Problem(scene, dt=DT)
     assert list(problem.interpolate(0 * problem.step.X[0]).x.array) == [0, 0, 0]
     np.testing.assert_array_equal(problem.at_points(2.5, [0.0, 1.0]), np.full((3, 2), 2.5))
+    for degree in (1, 2):
+        problem = fenicsx.Problem(pair(degree)[0], dt=DT)
+        function = problem.function("alpha", (2,))
+        assert function.name == "alpha" and function.x.array.shape == (7 * degree * 2,)
+        assert not function.x.array.any()
+        vector = problem.interpolate(problem.step.X)
+        assert vector.function_space.element == function.function_space.element
+    assert_refused("a scalar or a vector", problem.interpolate, ufl.zero(2, 2))
     for expression, points in (([1.0, 2.0], None), ([], None), (0.0, [0.5, 1.1]), (0.0, [np.nan])):
         assert_refused("fenicsx: (expression|points)", problem.at_points, expression, points)
 
