@@ -267,12 +267,9 @@ def test_replaced_resultants_may_want_other_increments_than_those_of_the_scene(n
 
 def test_symbols_of_another_mesh_and_without_values_are_refused_wherever_they_enter():
     """Of them dolfinx 0.5 reads other memory, or ends the process."""
-    given = dolfinx.mesh.create_mesh(
-        MPI.COMM_SELF,
-        np.array([[0, 1], [1, 2]]),
-        np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]),
-        fenicsx.Problem(cantilever()[0], dt=DT).mesh.ufl_domain(),
-    )
+    drawn = fb.Scene()
+    drawn.clamp(drawn.add_mesh([(0, 0), (1, 0), (2, 0)], [(0, 1), (1, 2)], SECTION, 1).nodes[0])
+    given = fenicsx.Problem(drawn, dt=DT).mesh
     scene = fb.Scene()
     beams = fenicsx.beams_of(scene, given, SECTION, elements=2)
     scene.clamp(beams.nodes[0])
