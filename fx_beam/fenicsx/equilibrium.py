@@ -205,7 +205,7 @@ class Equilibrium(Steps):
                 self.advance(factor)
                 self._loads.record(self._state, recorder)
                 modes.append(self.unstable_modes())
-                rows.follow(partial(update, self) if update and step else None)
+                self._lose(rows.follow(partial(update, self) if update and step else None))
                 if step and after is not None:
                     after(self)
         except BaseException as error:

@@ -59,6 +59,7 @@ class StepForm:
         before: StepForm | None = None,
         resultants: Resultants | None = None,
         strain_energy: StrainEnergy | None = None,
+        dissipation: StrainEnergy | None = None,
     ):
         kind, scheme = grid.beams.kind, grid.beams.kind.scheme
         self.grid = grid
@@ -79,16 +80,19 @@ class StepForm:
         self.added: list[Term] = []
         #: Natural strains (3,) at the end of a step in UFL, by a user.
         self.natural: Expr | None = before.natural if before else None
-        energy: ufl.Form | None = forms["strain energy"]
+        strains, dx = self.fields.step.strains0, grid.measure(None, None)
+        none = fem.Constant(grid.mesh, 0.0)  # an energy of zero is a form, too
+        energy, lost = (f and (f(*strains) + none) * dx for f in (strain_energy, dissipation))
         if self.replaced:
-            strains = self.fields.step.strains0
-            none = fem.Constant(grid.mesh, 0.0)  # an energy of zero is a form, too
-            dx = grid.measure(None, None)
-            energy = strain_energy and (strain_energy(*strains) + none) * dx
-            written_by_user = *(term.form for term in self.terms), *self.fields.resultants
-            self.check("replace_resultants", *written_by_user, *filter(None, [energy]))
+            self.check("replace_resultants", *(term.form for term in self.terms))
+            self.check("replace_resultants", *self.fields.resultants, *filter(None, [energy, lost]))
             self.check("natural_strains", *filter(None, [self.natural]))
-        self._energy = None if energy is None else compiled(ufl.replace(energy, self.fields.ends))
+        else:
+            energy = forms["strain energy"]
+        self._energy, self._lost = (
+            None if form is None else compiled(ufl.replace(form, self.fields.ends))
+            for form in (energy, lost)
+        )
 
     @property
     def parts(self) -> list[ufl.Form]:
@@ -187,6 +191,11 @@ class StepForm:
 
     def strain_energy(self) -> float:
         """Stored energy of beams [J] at the end of the step; nan where it is not known."""
-        if self._energy is None:
-            return np.nan
-        return float(self.grid.comm.allreduce(fem.assemble_scalar(self._energy)))
+        return np.nan if self._energy is None else self._integral(self._energy)
+
+    def dissipated(self) -> float:
+        """Energy [J] that replaced resultants have lost in the step, as a user says."""
+        return 0.0 if self._lost is None else self._integral(self._lost)
+
+    def _integral(self, form: CompiledForm) -> float:
+        return float(self.grid.comm.allreduce(fem.assemble_scalar(form)))

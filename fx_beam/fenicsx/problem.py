@@ -245,7 +245,8 @@ class Problem(Steps):
         try:
             for number, end in enumerate(times[1:].tolist(), start=1):
                 self._advance(end, number, recorder)
-                rows.follow(update and partial(update, self))
+                lost = rows.follow(update and partial(update, self))
+                self._lose(lost)
                 if after is not None:
                     after(self)
         except BaseException as error:

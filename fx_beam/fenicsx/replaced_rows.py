@@ -13,6 +13,9 @@ from fx_beam.step.recorder import Recorder
 
 from .assembly import Assembly
 
+# Place in a row of energies.
+_STRAIN, _DISSIPATED = 1, 5
+
 
 class ReplacedRows:
     """Resultants (cells, points, 3) at the rows of a record, if they are replaced."""
@@ -21,16 +24,22 @@ class ReplacedRows:
         self._assembly, self._recorder = assembly, recorder
         self._rows: list[np.ndarray] = []
 
-    def follow(self, update: Callable[[], object] | None = None) -> None:
-        """Have resultants of the last step, and the energy after an `update`, in a new row."""
+    def follow(self, update: Callable[[], object] | None = None) -> float:
+        """Have resultants of the last step, and energies after an `update`, in a new row.
+
+        Returns the energy that was lost in the step [J].
+        """
         form, rows = self._assembly.form, self._recorder.rows
         is_new = form.replaced and rows > len(self._rows)
         if is_new:
             self._rows.append(self._assembly.resultants())
         if update is not None:
             update()
+        lost = form.dissipated() if update is not None else 0.0
         if is_new:
-            self._recorder.arrays["energies"][rows - 1, 1] = form.strain_energy()
+            self._recorder.arrays["energies"][rows - 1, _STRAIN] = form.strain_energy()
+            self._recorder.arrays["energies"][rows - 1, _DISSIPATED] += lost
+        return lost
 
     def in_solution(self, solution: Solution) -> Solution:
         """The solution with the resultants of these rows."""

@@ -60,6 +60,10 @@ class Steps:
         self.test, self.trial = fields.symbols.test, fields.symbols.trial
         self.u, self.q, self.v, self.a = fields.u, fields.q, fields.v, fields.a
 
+    def _lose(self, energy: float) -> None:
+        """Have an energy [J] among those that are lost since the start."""
+        self._state = self._state.changed(dissipated=self._state.dissipated + energy)
+
     # -- The form ----------------------------------------------------------------------------------
 
     @property
@@ -113,7 +117,10 @@ class Steps:
         self._form.add(term)
 
     def replace_resultants(
-        self, resultants: Resultants, strain_energy: StrainEnergy | None = None
+        self,
+        resultants: Resultants,
+        strain_energy: StrainEnergy | None = None,
+        dissipation: StrainEnergy | None = None,
     ) -> None:
         """Replace the stress resultants of the scene.
 
@@ -129,6 +136,10 @@ class Steps:
         strain_energy : callable, optional
             ``strain_energy(eps, gamma, kappa)`` gives the stored energy at the end of a step [J/m],
             for `energies` and for solutions; without it the strain energy is nan there.
+        dissipation : callable, optional
+            ``dissipation(eps, gamma, kappa)`` gives the energy that is lost in a step of `run`
+            [J/m], after its `update`, from the strains at the end and Functions at both ends of
+            the step. It is part of `Energy.dissipated`.
 
         Raises
         ------
@@ -137,7 +148,9 @@ class Steps:
             `natural_strains`. Then all is as before.
         """
         loop = self._equations.loop
-        form = StepForm(loop.model, self._form.grid, self._form, resultants, strain_energy)
+        form = StepForm(
+            loop.model, self._form.grid, self._form, resultants, strain_energy, dissipation
+        )
         self._set_form(form, loop)
         form.fields.end(self._state)
 

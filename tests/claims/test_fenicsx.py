@@ -362,11 +362,17 @@ def test_rows_have_the_energy_of_functions_that_are_updated_at_the_end_of_a_step
     def energy(eps, gamma, kappa):
         return 5e3 * (eps**2 + gamma**2) + 50 * (1 - damage) * kappa**2
 
-    problem.replace_resultants(damaged, energy)
+    before = problem.function("before")  # exact, as the energy is linear in the damage
+
+    def dissipation(eps, gamma, kappa):
+        return 50 * (damage - before) * kappa**2
+
+    problem.replace_resultants(damaged, energy, dissipation)
     bent, rows, used = abs(problem.step.strains1[2]), [], []
 
     def grow(problem):
         used.append(damage.x.array.copy())
+        before.x.array[:] = damage.x.array
         damage.x.array[:] = np.maximum(problem.interpolate(bent).x.array, damage.x.array)
 
     def note(problem):
@@ -385,6 +391,11 @@ def test_rows_have_the_energy_of_functions_that_are_updated_at_the_end_of_a_step
     solution = run(10 * DT, after=note, update=grow)
     np.testing.assert_allclose(solution.energy.strain[1:], rows, rtol=1e-10)
     assert damage.x.array.max() > 0.01 and len(used) == 10
+    if moves:
+        assert solution.energy.dissipated[-1] > 1e-3 * solution.energy.work[-1]
+        assert abs(solution.energy.balance_error).max() < 1e-11
+        later = problem.run(12 * DT, update=grow).energy  # goes on from what is lost
+        assert later.dissipated[0] == solution.energy.dissipated[-1]
     if not moves:  # N, Q and M are those of the step: of an end load
         M = solution.resultants(beam).M[-1]
         lever = solution.position(beam.end)[-1, 0] - np.convolve(
