@@ -14,8 +14,8 @@ from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 
-# An end lies on a beam if it is so near to it, relative to the scene.
-_NEAR = 1e-6
+# An end lies on a beam if it is so near to it, relative to the scene: coordinates are rounded.
+_NEAR = 1e-5
 # So many are named.
 _NAMED = 3
 
@@ -23,10 +23,10 @@ _NAMED = 3
 def warn_of_unjoined(scene: Scene, mesh: Mesh) -> None:
     """Warn of beams that end on another one without a joint, a contact or a line between them."""
     parts, held = _connected(scene, mesh)
-    ends = np.unique([nodes[i] for nodes in mesh.nodes for i in (0, -1)])
-    ends = np.setdiff1d(ends, held)
-    found = _touching(mesh, ends, parts) if len(ends) else []
-    if not found or not (left := _unintended(scene, mesh, parts, found)):
+    ends_of = [(beam.start.number, beam.end.number) for beam in scene.beams]
+    ends = np.setdiff1d(ends_of, held)
+    found = _touching(scene, mesh, ends, parts) if len(ends) else []
+    if not found or not (left := _unintended(scene, mesh, parts, ends_of, found)):
         return
     more = f", and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
     warn_once(
@@ -36,14 +36,17 @@ def warn_of_unjoined(scene: Scene, mesh: Mesh) -> None:
     )
 
 
-def _touching(mesh: Mesh, ends: np.ndarray, parts: np.ndarray) -> list[tuple[int, int]]:
+def _touching(
+    scene: Scene, mesh: Mesh, ends: np.ndarray, parts: np.ndarray
+) -> list[tuple[int, int]]:
     """Of `ends` those that lie on a beam whose nodes there are in other parts, and its number."""
     from scipy.spatial import cKDTree
 
-    X, near, degree = mesh.X, _NEAR * mesh.size, mesh.elements.shape[1] - 1
+    X, degree = _places_on_lines(scene, mesh), mesh.elements.shape[1] - 1
     first, second = mesh.elements[:, :-1].ravel(), mesh.elements[:, 1:].ravel()
     ways = X[second] - X[first]
     lengths = np.hypot(*ways.T)
+    near = _NEAR * mesh.size + _rises(scene, mesh, first, second)
     close = cKDTree(X[ends]).query_ball_point(X[first] + ways / 2, lengths / 2 + near)
     piece = np.repeat(np.arange(len(first)), [len(numbers) for numbers in close])
     node = ends[np.concatenate(close).astype(int)]
@@ -52,18 +55,41 @@ def _touching(mesh: Mesh, ends: np.ndarray, parts: np.ndarray) -> list[tuple[int
     piece, node = piece[is_other], node[is_other]
     arms, along = X[node] - X[first[piece]], ways[piece] / lengths[piece, None]
     s = np.clip((arms * along).sum(axis=1), 0, lengths[piece])
-    lies_on = np.hypot(*(arms - s[:, None] * along).T) <= near
+    lies_on = np.hypot(*(arms - s[:, None] * along).T) <= near[piece]
     beam = mesh.beam_of_cell[piece[lies_on] // degree]
     return [*dict.fromkeys(zip(node[lies_on].tolist(), beam.tolist(), strict=True))]
 
 
+def _rises(scene: Scene, mesh: Mesh, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Rise (n,) of curved beams above chords c: sqrt(3 c e / 8), if the arc is longer by e."""
+    chords, degree = np.hypot(*(mesh.X[second] - mesh.X[first]).T), mesh.elements.shape[1] - 1
+    last = np.cumsum([len(beam.s) for beam in scene.beams])[:-1] - 1
+    arcs = np.delete(np.diff(np.concatenate([beam.s for beam in scene.beams])), last)
+    longer = (arcs - chords.reshape(-1, degree).sum(axis=1)) / degree
+    return np.sqrt(3 / 8 * chords * np.repeat(np.clip(longer, 0, None), degree))
+
+
+def _places_on_lines(scene: Scene, mesh: Mesh) -> np.ndarray:
+    """Places (nodes, 2) of nodes; those of an axis with an offset on the line of its beam."""
+    X = mesh.X.copy()
+    for beam, nodes in zip(scene.beams, mesh.nodes, strict=True):
+        if beam.carriers:
+            line, places = X[[node.number for node in beam.carriers]], np.arange(len(nodes))
+            X[nodes] = np.stack([np.interp(places, places[:: beam.degree], x) for x in line.T], 1)
+    return X
+
+
 def _unintended(
-    scene: Scene, mesh: Mesh, parts: np.ndarray, found: list[tuple[int, int]]
+    scene: Scene,
+    mesh: Mesh,
+    parts: np.ndarray,
+    ends_of: list[tuple[int, int]],
+    found: list[tuple[int, int]],
 ) -> list[str]:
     """In words the nodes and beams that nothing connects, of those that touch."""
     beams_at: dict[int, list[int]] = {}
-    for i, nodes in enumerate(mesh.nodes):
-        for node in {int(nodes[0]), int(nodes[-1])}:
+    for i, ends in enumerate(ends_of):
+        for node in {*ends}:
             beams_at.setdefault(node, []).append(i)
     left = dict[tuple, str]()
     for node, i in found:

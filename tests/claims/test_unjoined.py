@@ -85,3 +85,27 @@ def test_an_end_that_is_moved_onto_another_beam_is_named(caplog):
         assert "not joined" not in caplog.text
         fb.static(scene, load_steps=1)
     assert "beam 'beam 2' ends at (0, 0.5) on beam 'beam 1'" in caplog.text
+
+
+@pytest.mark.parametrize("kind", ["arc", "offset", "slanted"])
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_ends_on_curves_on_lines_of_offset_beams_and_at_rounded_places_are_named(
+    caplog, kind, degree
+):
+    scene, k = fb.Scene(), next(NUMBERS)
+    options = {"elements": 5, "degree": degree, "name": f"held {k}"}
+    if kind == "arc":
+        held = scene.add_beam(fb.arc((5, 0), (3, 4), (0, 5)), STRIP, **options)
+        place = 5 * np.cos(0.7), 5 * np.sin(0.7)
+    elif kind == "offset":
+        held = scene.add_beam([(0, 0), (0, 5)], STRIP, offset=0.5, **options)
+        place = 0, 1.8
+    else:
+        held = scene.add_beam([(0, 0), (97.3, 41.7)], STRIP, **options)
+        place = 30.941, 13.261  # 0.318 of it, to three decimals
+    end = np.add(place, (2.0, -1.0))
+    arm = scene.add_beam([place, end], STRIP, 2, degree, name=f"arm {k}")
+    scene.clamp(held.start)
+    scene.clamp(arm.end)
+    fb.static(scene, linear=True)
+    assert f"beam 'arm {k}' ends at ({place[0]:g}, {place[1]:g}) on beam 'held {k}'" in caplog.text
