@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import warn_once
+from fx_beam.errors import as_float, is_number, warn_once
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Circle, Contact, arc_of, nearest
-from fx_beam.scene.coordinate import Stop
-from fx_beam.scene.forces_between import ForceBetween
+from fx_beam.scene.coordinate import Coordinate, Stop
+from fx_beam.scene.forces_between import ForceBetween, RopeSpring
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.loads import label
 
@@ -54,7 +56,7 @@ def warn_of_places(
     has_all_steps = len(solution.t) == solution.stats.steps + 1 > 2
     if has_all_steps and not solution.stats.static:
         _warn_of_short_impacts(solution, joints)
-        _warn_of_hits_at_once(solution)
+        _warn_of_hits_at_once(solution, joints, lines)
         _warn_of_soft_landings(solution)
     warn_of_sharp_bends(solution)
     for line in lines:
@@ -246,35 +248,105 @@ def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
         )
 
 
-def _warn_of_hits_at_once(solution: Solution) -> None:
+class _Hits(NamedTuple):
+    """A contact or a stop that may be hit."""
+
+    owner: object
+    #: Numbers of its nodes; -1 for the ground.
+    nodes: Sequence[int]
+    #: Gives its gap (n,), and for each step (n - 1,) whether it acts there besides.
+    read: Callable[[], tuple[np.ndarray, np.ndarray | bool]]
+
+
+def _warn_of_hits_at_once(
+    solution: Solution, joints: Sequence[Joint], lines: Sequence[ForceBetween]
+) -> None:
     """Warn of a body with two impacts of few steps at once: it shares momentum wrongly."""
     body_of = {n.number: body.name for body in solution.bodies.values() for n in body.nodes}
-    of_body: dict[object, list[Contact]] = {}
-    for contact in solution.contacts:
-        carrier = getattr(contact.shape, "carrier", None)
-        ends = (contact.target, carrier) if isinstance(contact.target, Node) else ()
-        for node in filter(None, ends):
-            of_body.setdefault(body_of.get(node.number, node.number), []).append(contact)
+    of_body: dict[object, list[_Hits]] = {}
+    every = [*_hits_of_contacts(solution), *_hits_of_stops(solution, joints, lines)]
+    for hits in every:
+        for node in hits.nodes:
+            if node >= 0:
+                of_body.setdefault(body_of.get(node, node), []).append(hits)
     if max(map(len, of_body.values()), default=0) < 2:
         return
-    gaps = {c.number: solution.contact(c).gap[:, 0] for cs in of_body.values() for c in cs}
-    steps = {number: _steps_of_touch(gap) for number, gap in gaps.items()}
+    gaps, steps = dict[int, np.ndarray](), dict[int, np.ndarray]()
+    for hits in every:
+        gap, acts = hits.read()
+        gaps[id(hits)], steps[id(hits)] = gap, _steps_of_touch(gap, acts)
     fastest = max(-np.diff(gap).min() for gap in gaps.values())
-    for contacts in of_body.values():
-        for a, b in itertools.combinations(contacts, 2):
-            both = (steps[a.number] > 0) & (steps[b.number] > 0)
-            short = np.minimum(steps[a.number], steps[b.number]) < _STEPS
-            hits = np.diff(gaps[a.number]), np.diff(gaps[b.number])
-            bad = both & short & (np.minimum(*hits) < -_OF_FASTEST * fastest)
-            if bad.any():
+    for of_one in of_body.values():
+        for a, b in itertools.combinations(of_one, 2):
+            (gap_a, steps_a), (gap_b, steps_b) = ((gaps[id(x)], steps[id(x)]) for x in (a, b))
+            both = (steps_a > 0) & (steps_b > 0)
+            short = np.minimum(steps_a, steps_b) < _STEPS
+            ways = np.minimum(np.diff(gap_a), np.diff(gap_b))
+            closing = np.minimum(ways, [0.0, *ways[:-1]]) < -_OF_FASTEST * fastest
+            bad = both & short & closing
+            if a.owner is not b.owner and bad.any():
                 _log.warning(
                     "simulate: %s and %s: both touch one body in the step to t = %.6g, and one of "
                     "them for less than %d steps: bodies that hit in turn would share momentum "
                     "wrongly. Take steps of a tenth of a contact (1 %%), whose time is about "
                     "pi sqrt(m / k) with the reduced mass m, a smaller stiffness, or a tolerance",
-                    *(a, b, solution.t[1 + int(np.argmax(bad))], _STEPS),
+                    *(a.owner, b.owner, solution.t[1 + int(np.argmax(bad))], _STEPS),
                 )
                 return
+
+
+def _hits_of_contacts(solution: Solution) -> Iterator[_Hits]:
+    """Of nodes; sub-steps may touch between two rows, of which forces tell."""
+
+    def read(contact: Contact) -> tuple[np.ndarray, np.ndarray | bool]:
+        motion, has_forces = solution.contact(contact), len(solution.contact_forces)
+        acts = motion.force[1:].any(axis=(1, 2)) if has_forces else False
+        return motion.gap[:, 0], acts
+
+    for contact in solution.contacts:
+        if isinstance(contact.target, Node):
+            carrier = getattr(contact.shape, "carrier", None)
+            nodes = [node.number for node in (contact.target, carrier) if node]
+            yield _Hits(contact, nodes, partial(read, contact))
+
+
+def _hits_of_stops(
+    solution: Solution, joints: Sequence[Joint], lines: Sequence[ForceBetween]
+) -> Iterator[_Hits]:
+    """Of joints, forces between points, and ropes whose length is a number."""
+
+    def of_joint(joint: Joint, name: str, sign: int, limit: Any) -> tuple[np.ndarray, bool]:
+        return sign * (getattr(solution.joint(joint), name) - as_float(limit)), False
+
+    def of_line(
+        line: ForceBetween, alone: bool, sign: int, limit: Any
+    ) -> tuple[np.ndarray, np.ndarray | bool]:
+        motion, has_forces = solution.joint(line), len(solution.line_forces)
+        acts = motion.force[1:] != 0 if alone and has_forces else False
+        return sign * (motion.length - as_float(limit)), acts
+
+    for joint in joints:
+        for coordinate, law in joint.coordinates.items():
+            name, nodes = "slide" if coordinate == "slide" else "angle", (joint.a, joint.b)
+            for sign, limit in _limits(law.stop):
+                read = partial(of_joint, joint, name, sign, limit)
+                yield _Hits(joint, [node.number for node in nodes], read)
+    for line in lines:
+        stop, rope = line.on.stop, line.on.spring
+        if isinstance(rope, RopeSpring) and is_number(length := rope.length.given):
+            yield _Hits(line, line.nodes, partial(of_line, line, True, -1, length))
+        elif not line.is_bed:
+            alone = line.force is None and line.on == Coordinate(stop=stop)
+            for sign, limit in _limits(stop):
+                yield _Hits(line, line.nodes, partial(of_line, line, alone, sign, limit))
+
+
+def _limits(stop: Stop | None) -> list[tuple[int, float]]:
+    """Signs of the gaps at the limits that a stop has, and the limits."""
+    if stop is None:
+        return []
+    pairs = (1, stop.lower), (-1, stop.upper)
+    return [(sign, limit) for sign, limit in pairs if limit is not None]
 
 
 def _warn_of_soft_landings(solution: Solution) -> None:
@@ -307,9 +379,12 @@ def _warn_of_soft_landings(solution: Solution) -> None:
             )
 
 
-def _steps_of_touch(gap: np.ndarray) -> np.ndarray:
-    """For each step (n - 1,) of gaps (n,) the number of steps of the touch it is in; 0 for none."""
-    touches = (gap[1:] < 0) | (gap[:-1] < 0)
+def _steps_of_touch(gap: np.ndarray, acts: np.ndarray | bool = False) -> np.ndarray:
+    """For each step (n - 1,) of gaps (n,) the number of steps of the touch it is in; 0 for none.
+
+    A touch within a step, of which no gap tells, `acts` in it.
+    """
+    touches = (gap[1:] < 0) | (gap[:-1] < 0) | acts
     ends = np.flatnonzero(np.diff(np.concatenate([[False], touches, [False]])))
     steps = np.zeros(len(touches), dtype=int)
     for first, end in ends.reshape(-1, 2):

@@ -752,6 +752,53 @@ def test_balls_that_hit_in_turn_share_momentum_or_a_warning_says_that_steps_are_
             assert speeds == pytest.approx(exact, abs=1e-2)
 
 
+def row_of_wagons(how):
+    """Three wagons of 0.5 kg that stops, ropes or contacts pull or push in turn, one at 1 m/s."""
+    scene = fb.Scene()
+    wagons = [scene.add_body((x, 0), 0.5, 1.0).centre for x in (0.0, 0.2, 0.4)]
+    way = -1.0 if "rope" in how else 1.0
+    for a, b, gap in zip(wagons[:-1], wagons[1:], (0.01, 1e-4), strict=True):
+        if how == "stops of joints":
+            stop = fb.Stop(0.2 - gap, None, 1e8)
+            scene.add_joint(fb.Prismatic(a, b, axis=(1, 0), stop=stop))
+        elif how == "stops between points":
+            scene.add_force_between(a, b, stop=fb.Stop(0.2 - gap, None, 1e8))
+        elif how == "ropes":
+            scene.add_rope([a, b], stop=(None, 0.2 + gap, 1e8))
+        elif how == "ropes of a length":
+            scene.add_rope([a, b], spring=fb.Spring(1e8), length=0.2 + gap)
+        else:
+            scene.add_contact(a, fb.Circle(b, 0.1 - gap / 2), 1e8, radius=0.1 - gap / 2)
+    if how == "stops of joints":
+        scene.add_joint(fb.Prismatic(fb.GROUND, wagons[0], axis=(1, 0)))
+    else:
+        for wagon in wagons:
+            scene.fix(wagon, "y", "rotation")
+    scene.set_velocity(wagons[0], (way, 0.0))
+    return scene, wagons, way
+
+
+@pytest.mark.parametrize(
+    ("how", "order"),
+    [("stops of joints", 2)]
+    + [
+        (how, order)
+        for how in ("stops between points", "ropes", "ropes of a length", "contacts")
+        for order in (2, 4)
+    ],
+)
+def test_stops_and_ropes_that_are_hit_in_turn_say_so_in_both_orders(how, order, caplog):
+    """Right is (0, 0, 1); in order 4 a contact of 0.16 ms begins and ends within a step."""
+    for dt in (1e-3, 1e-5):
+        caplog.clear()
+        scene, wagons, way = row_of_wagons(how)
+        row = fb.simulate(scene, fb.EnergyMomentum(order=order), dt=dt, t_end=0.04)
+        speeds = np.array([way * row.velocity(wagon)[-1, 0] for wagon in wagons])
+        error = abs(speeds - [0, 0, 1]).max()
+        assert error < 1e-3 or "share momentum wrongly" in caplog.text
+    assert error < 1e-3 and not caplog.messages
+
+
 def test_two_balls_that_hit_alone_are_exact_in_long_steps_without_a_word(caplog):
     scene, balls = row_of_balls((0.5, 0.5), 0.0)
     row = fb.simulate(scene, dt=1e-3, t_end=0.06)
