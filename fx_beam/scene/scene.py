@@ -783,8 +783,8 @@ class Scene:
             Spring on l, which pulls and pushes; with a `length` the stiffness of a rope that only
             pulls.
         damper : Damper, optional
-            Damper on the rate of l. In a rope that only pulls it acts while the rope is taut, and
-            at most takes its tension away.
+            Damper on the rate of l, also where `length` changes. In a rope that only pulls it acts
+            while the rope is taut, and at most takes its tension away.
         friction : SmoothFriction, optional
             Friction on the rate of l, as a damper.
         stop : Stop or (lower, upper, stiffness), optional
@@ -1116,8 +1116,8 @@ class Scene:
             along y.
         between : (2,) float, optional
             Arc lengths from the beam's start between which the load acts [m], anywhere in its
-            elements; by default from end to end. The sum of the nodal forces is exact. A pressure
-            acts on whole elements.
+            elements; by default from end to end. In straight elements the sum of the nodal forces
+            is exact. A pressure acts on whole elements.
         follower : bool
             Whether the load is a pressure p [N/m], positive if it pushes to the left, seen from the
             start of the beam: a number, a function ``p(t)`` of time, a `Parameter` or an `Input`.
