@@ -16,7 +16,7 @@ from fx_beam.errors import SceneError
 from fx_beam.laws import scalar_laws as laws
 from fx_beam.laws.member_gap import FOLLOWED, FOLLOWED_WITH_FRICTION, MEMBER, MEMBER_WITH_FRICTION
 from fx_beam.laws.point_laws import PointLaw, StepRule
-from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact, arc_of, points_of
 from fx_beam.scene.coordinate import friction_numbers, numbers_of_loss
 from fx_beam.scene.joints import GROUND
@@ -27,9 +27,10 @@ from .compiled_laws import LIBRARY, PointFunction, compiled_laws
 from .mesh import Mesh
 from .sparsity import connected_parts
 
-#: Entries of a contact point, slots of memory of a point's friction, and numbers in each
-#: (member_contact.h).
-_ENTRIES, SLOTS, SLOT_WIDTH = 10, 2, 3
+# Entries of a contact point: positions, with friction then rotations (member_contact.h).
+_POSITIONS, _ENTRIES = 10, 15
+#: Slots of memory of a point's friction, and numbers in each.
+SLOTS, SLOT_WIDTH = 2, 3
 # Nodes of a closed member on either side of its seam that are there twice; ends relative to its
 # length that are at one place.
 _AROUND, _SAME_PLACE = 4, 1e-9
@@ -47,7 +48,8 @@ class MemberPair(NamedTuple):
     #: Nodes of the member, in order; of a closed one some at both ends are there twice.
     nodes: np.ndarray
     node_slots: np.ndarray
-    #: Numbers (points, n): sum of the radii, then those of the law.
+    #: Numbers (points, n): sum of the radii, with friction the share of the point in it, then those
+    #: of the law.
     numbers: np.ndarray
     #: Of a member and itself: arc lengths of its nodes, and how far apart they must be to touch.
     arc: np.ndarray
@@ -71,26 +73,6 @@ def _is_closed(scene: Scene, beam: Beam) -> bool:
     return bool(part[start.number + 1] == part[end.number + 1])
 
 
-def _check_rolling(scene: Scene, contact: Contact) -> None:
-    """SceneError for friction on a node with a radius that may turn: its surface would not turn."""
-    node, radii = contact.target, contact.radius
-    if contact.friction is None or not isinstance(node, Node) or not isinstance(radii, tuple):
-        return
-    held = any(number == node.number and component == 2 for number, component in scene.fixed)
-    for joint in scene.joints:
-        ends = joint.a.number, joint.b.number
-        is_on_ground = GROUND.number in ends and node.number in ends
-        held |= is_on_ground and "rotation" not in joint.coordinates
-    if radii[0] > 0 and not held:
-        raise SceneError(
-            f"{contact}: the node has the radius {radii[0]:g} and friction and may turn, but its "
-            "surface does not turn with the node: it would slide or stick like a block, not roll. "
-            "Let the member touch the wheel: add_contact(beam, fx_beam.Circle(node, "
-            f"{radii[0]:g}), radius=half of the thickness, ...). Or fix its rotation, or give the "
-            "radius 0"
-        )
-
-
 def member_pairs(
     scene: Scene, mesh: Mesh, X: np.ndarray, mobility: np.ndarray, at_rest: bool
 ) -> list[MemberPair]:
@@ -101,7 +83,6 @@ def member_pairs(
     pairs, first = list[MemberPair](), 0
     for contact in scene.contacts:
         if isinstance(contact.shape, Beam):
-            _check_rolling(scene, contact)
             pairs += _both_directions(contact, scene, mesh, X, mobility, first, at_rest)
             first += len(contact.points.lengths)
     return pairs
@@ -116,8 +97,8 @@ def _both_directions(
     first: int,
     at_rest: bool,
 ) -> list[MemberPair]:
-    a, b = contact.target, contact.shape
-    assert isinstance(b, Beam)
+    a, b, radii = contact.target, contact.shape, contact.radius
+    assert isinstance(b, Beam) and isinstance(radii, tuple)
     nodes_a, nodes_b = mesh.nodes_of(scene, a), mesh.nodes_of(scene, b)
     slots_a = first + np.arange(len(nodes_a))
     slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
@@ -134,6 +115,7 @@ def _both_directions(
         columns: list[float | np.ndarray] = [contact.radii, contact.stiffness * lengths]
         columns += loss_numbers
         if friction is not None:
+            columns.insert(1, radii[len(pairs)] / contact.radii)
             most_mobile = mobility[mesh.dofs[points, :2]].max(axis=1)
             columns += friction_numbers(friction, lengths, most_mobile)
         numbers = np.column_stack([column + np.zeros(len(lengths)) for column in columns])
@@ -177,8 +159,8 @@ class MemberContacts:
         self.ffi, self.library = c_library.open_library(*LIBRARY)
         self._doubles = functools.partial(self.ffi.from_buffer, self.ffi.typeof("double[]"))
         self._numbers = [np.array(pair.numbers) for pair in pairs]
-        sizes = [(len(pair.points), pair.numbers.size, pair.arc.size) for pair in pairs]
-        firsts = np.cumsum([(0, 0, 0), *sizes], axis=0)
+        sizes = [(len(pair.points), pair.numbers.size) for pair in pairs]
+        firsts = np.cumsum([(0, 0), *sizes], axis=0)
         nodes = np.unique(np.concatenate([[*pair.points, *pair.nodes] for pair in pairs]))
         self._reference, size = _positions(mesh), mesh.dofs.size
         #: The C struct MemberContacts.
@@ -188,6 +170,7 @@ class MemberContacts:
             contacts=len(pairs),
             conditions=sum(len(pair.points) for pair in pairs),
             of=[self._row(i, *firsts[i]) for i in range(len(pairs))],
+            turning=rule.turning,
             dofs=size,
             moving=len(nodes),
             moves=mesh.dofs[nodes, :2],
@@ -204,13 +187,13 @@ class MemberContacts:
         # Freed with this object: C allocates as much as there are contact points.
         self._freed = self.ffi.gc(self.c, self.library.fx_free_members)
 
-    def _row(self, i: int, point: int, number: int, arc: int) -> dict[str, object]:
-        """Members of ``MemberContact`` of a pair: its first point, number and arc among all."""
+    def _row(self, i: int, point: int, number: int) -> dict[str, object]:
+        """Members of ``MemberContact`` of a pair: its first point and number among all."""
         pair, law, numbers, mesh = self.pairs[i], self.laws[i], self._numbers[i], self._mesh
         return {
             **law.members,
-            "sums": law.law.size,
-            "loaded": law.law.size - (4 if law.law.internal else 2),
+            "coordinates": law.law.size,
+            "dofs": _ENTRIES if law.law.internal else _POSITIONS,
             "first_slot": self.first_slots[i],
             "points": len(pair.points),
             "point_dof": mesh.dofs[pair.points, :2],
@@ -227,7 +210,6 @@ class MemberContacts:
             "apart": pair.apart,
             "arc": pair.arc,
             "first_number": number,
-            "first_arc": arc,
         }
 
     @property

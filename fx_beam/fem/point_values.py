@@ -189,10 +189,9 @@ def energy_slopes_of_members(
 def hand_over_slopes(members: MemberContacts, rule: StepRule) -> dict[str, int]:
     """Hand over what derivatives of forces need besides.
 
-    Returns the numbers of all points, and of arc lengths of nodes, by the names in c/problem.h.
+    Returns how many numbers all points have, by the name in c/problem.h.
     """
     members.slopes = [derivative_of(pair.followed, rule, "forces") for pair in members.pairs]
     for i, function in enumerate(members.slopes):
         members.c.of[i].slopes = members.ffi.cast("Law *", function.address)
-    numbers, arcs = (sum(getattr(p, n).size for p in members.pairs) for n in ("numbers", "arc"))
-    return {"member_numbers": numbers, "member_arcs": arcs}
+    return {"member_numbers": sum(pair.numbers.size for pair in members.pairs)}

@@ -43,7 +43,6 @@ class FormData(NamedTuple):
         numbers = self.beams | {"points": dual_array(numbers_of_points)}
         if pairs := self.pairs:
             numbers["members"] = np.concatenate([np.ravel(pair.numbers) for pair in pairs])
-            numbers["arcs"] = np.concatenate([pair.arc for pair in pairs])
         return numbers
 
     @property

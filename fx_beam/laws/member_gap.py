@@ -4,9 +4,10 @@ A member is a smooth curve through the middles of its elements, with points c = 
 nodes. Let N0 and N1 be the weights of the nearest points at the start and at the end of a step,
 n = (N0 + N1) / 2, d = N1 - N0, and s the slopes of N1 by the place on the member. The coordinates
 are the sums a, t, u, w of the arms from the node to the nodes of the member, with n, d, s, and the
-slopes of N0; with friction also with the slopes of w and of u. There are forces on a, t and
-u, with friction on w; only derivatives by the start, where they follow the nearest point there as
-well, need the others.
+slopes of N0. With friction there follow the rotation of the node, and the same sums of those of the
+nodes of the member; their increments are those with which couples do work.
+There are no forces on w and its rotations: only derivatives by the start, where they follow the
+nearest point there as well, need them.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from .point_laws import TINY, CoordinateKind, ForceStep, Slip, StepCoordinate, a
 # Least change of a . t, relative to |a|^2, for which forces do work on it; the work on a smaller
 # change is below round-off.
 _SMALL = 1e-12
-# Least change of a . w, relative to |w|^2, from which the direction of friction follows.
-_STILL = 1e-9
+# Number of coordinates that are sums of arms.
+_ARMS = 8
 
 Vector = list[Expr]
 # a and t at both ends of a step.
@@ -32,7 +33,7 @@ _Ends = tuple[tuple[Vector, Vector], tuple[Vector, Vector]]
 def _gap(
     follows: bool, motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr]
 ) -> StepCoordinate:
-    """Numbers: 1 / (d^2/ds^2 |arm|^2 / 2) at the end and at the start, numbers of the slip, radii.
+    """Numbers: 1 / (d^2/ds^2 |arm|^2 / 2) at the end and at the start, sum of the radii.
 
     The arms to the nearest points are a0 - t0 / 2 and a1 + t1 / 2. Forces along the mean of a do
     work on the change of |a|. The rest of the change of the distance is of third order; forces
@@ -42,46 +43,35 @@ def _gap(
     nearest = _Nearest(motion, D, numbers, follows)
     first, last = _arms(nearest.ends)
     distance0, distance1 = _length(first), _length(last)
-    along = nearest.sum_forces(*_directions(motion, nearest.ends), len(D))
-    (a, t, *_), path, radius = _vectors(motion.rates), distance1 - distance0, numbers[-1]
+    along = nearest.forces(*_directions(motion, nearest.ends))
+    along += [ufl.as_ufl(0.0)] * (len(D) - _ARMS)
+    (a, t, *_), path, radius = _vectors(motion.rates), distance1 - distance0, numbers[2]
     rate = dot(first, add(a, -0.5, t)) / distance0
     return StepCoordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
 
 
 def _slip(follows: bool, motion: ForceStep, D: Sequence[Expr], numbers: Sequence[Expr]) -> Slip:
-    """Increment of the arc length of the nearest point in the reference.
+    """How far the surface of the node slips on that of the member, to the left along the normal.
 
-    Numbers: two factors of the gap, the slip, and slopes of the slip by the place, at the end and
-    at the start. The product a . w, with fixed weights, changes by about minus the way of the
-    place. Where this way is zero, the slope of the way by a . w is the first factor, or if the
-    start is followed an expression with the same value, which has derivatives.
+    Numbers: as of the gap, then the radius R of the node relative to the sum R + r of both. With d
+    the length of the mean arm, the surfaces meet at R d / (R + r) from the node and r d / (R + r)
+    from the middle of the member: forces and couples there have no moment in all.
     """
-    end_factor, _, slipped, length, length_at_start, _ = numbers
-    nearest = _Nearest(motion, D, numbers, follows)
-    path = slipped + length * nearest.place - length_at_start * nearest.place_at_start
-    # The quotient of the slip and the change of a . w where there is none.
-    still = -length * end_factor
-    if follows:
-        is_inside = ufl.gt(end_factor, 0)
-        rate = ufl.conditional(is_inside, nearest.rate_at_end(), 1.0)
-        still = ufl.conditional(is_inside, -length / rate, 0.0)
-    (arm0, _), (arm1, t1) = nearest.ends
+    nearest, level, share = _Nearest(motion, D, numbers, follows), motion.rule.level, numbers[3]
+    (arm0, t0), (arm1, t1) = nearest.ends
+    (change, _), (own, of_member) = nearest.shifted(_vectors(D)), nearest.turn(D[_ARMS:])
+    mean = arm = _between(0.5, arm0, arm1)
+    beside = level - 0.5
+    if beside:
+        arm = add(_between(level, arm0, arm1), beside, _between(level, t0, t1))
+    apart, length = _length(mean), _length(arm)
+    path = (mean[0] * change[1] - mean[1] * change[0]) / apart
+    path -= apart * (share * own + (1 - share) * of_member)
+    unit, couple = [-arm[1] / length, arm[0] / length], (share - 1) * length
+    along = nearest.forces(unit, [beside * x for x in unit])
+    along += nearest.couples(-share * length, couple, beside * couple)
     normal, _ = _directions(motion, nearest.ends)
-    size = len(D)
-    if motion.rule.level != 0.5:
-        arm_forces = [still * x for x in nearest.u]
-        half = [x / 2 for x in arm_forces]
-        u_forces = [still * x for x in add(arm1, 0.5, t1)]
-        along = nearest.sum_forces(arm_forces, half, size, u_forces=u_forces)
-        return Slip(path, along, _relative(normal, arm_forces))
-    w0, w1 = nearest.w
-    change = dot(arm1, w1) - dot(arm0, w0)
-    moves = ufl.gt(abs(change), _STILL * dot(w0, w0))
-    factor = ufl.conditional(moves, path / ufl.conditional(moves, change, 1.0), still)
-    arm_forces = [factor / 2 * x for x in add(w0, 1.0, w1)]
-    w_forces = [factor / 2 * x for x in add(arm0, 1.0, arm1)]
-    along = nearest.sum_forces(arm_forces, [0.0, 0.0], size, w_forces=w_forces)
-    return Slip(path, along, _relative(normal, arm_forces))
+    return Slip(path, along, _length(normal))
 
 
 class _Nearest:
@@ -96,61 +86,37 @@ class _Nearest:
     ):
         start, end = motion.start, add(motion.start, 1.0, D)
         end_factor, start_factor, *_ = numbers
-        self._sums = (arm0, t0, _, w, *_), (arm1, t1, u, *_) = _vectors(start), _vectors(end)
+        (arm0, t0, _, w, *_), (arm1, t1, u, *_) = _vectors(start), _vectors(end)
         # A place is a zero of such a residual.
         self.place = -end_factor * dot(add(arm1, 0.5, t1), u)
         self.place_at_start: Expr = ufl.as_ufl(0.0)
-        #: The change of the place at the end by which slopes change, if they follow it.
-        self._slope_place: Expr = ufl.as_ufl(0.0)
         if follows:
             self.place_at_start = -start_factor * dot(add(arm0, -0.5, t0), w)
-            self._slope_place = self.place
         #: a and t at both ends.
-        self.ends: _Ends = self._shifted(self._sums[0]), self._shifted(self._sums[1])
+        self.ends: _Ends = self.shifted(_vectors(start)), self.shifted(_vectors(end))
 
-    def _shifted(self, sums: list[Vector]) -> tuple[Vector, Vector]:
-        """Sums of arms for weights of other places."""
+    def shifted(self, sums: list[Vector]) -> tuple[Vector, Vector]:
+        """a and t, or their increments, for the weights of the places that moved."""
         a, t, u, w, *_ = sums
         a, t = add(a, 0.5 * self.place, u), add(t, self.place, u)
         return add(a, 0.5 * self.place_at_start, w), add(t, -self.place_at_start, w)
 
-    @property
-    def u(self) -> Vector:
-        """u at the end."""
-        sums = self._sums[1]
-        return add(sums[2], self._slope_place, sums[5]) if len(sums) > 5 else sums[2]
+    def turn(self, turns: Sequence[Expr]) -> tuple[Expr, Expr]:
+        """Increments of rotations: of the node, and of the member at the mean of the places."""
+        own, a, _, u, w = turns
+        return own, a + 0.5 * self.place * u + 0.5 * self.place_at_start * w
 
-    @property
-    def w(self) -> tuple[Vector, Vector]:
-        """w at both ends."""
-        first, last = (add(sums[3], self.place_at_start, sums[4]) for sums in self._sums)
-        return first, last
+    def forces(self, on_a: Vector, on_t: Vector) -> list[Expr]:
+        """Forces on all sums of arms, with what changes of the places add."""
+        half = [x / 2 for x in on_a]
+        on_u = [self.place * x for x in add(half, 1.0, on_t)]
+        on_w = [self.place_at_start * x for x in add(half, -1.0, on_t)]
+        return [*on_a, *on_t, *on_u, *on_w]
 
-    def rate_at_end(self) -> Expr:
-        """The second derivative of |arm|^2 / 2 by the place at the end."""
-        arm, t = self.ends[1]
-        return dot(self.u, self.u) + dot(add(arm, 0.5, t), self._sums[1][5])
-
-    def sum_forces(
-        self,
-        arm_forces: Vector,
-        tangent_forces: Vector,
-        size: int,
-        u_forces: Sequence[Expr] = (0, 0),
-        w_forces: Sequence[Expr] = (0, 0),
-    ) -> list[Expr]:
-        """Forces (size,) on all sums, with what changes of the places add."""
-        place, place0 = self.place, self.place_at_start
-        half = [x / 2 for x in arm_forces]
-        vectors = [
-            arm_forces,
-            tangent_forces,
-            add(u_forces, place, add(half, 1.0, tangent_forces)),
-            add(w_forces, place0, add(half, -1.0, tangent_forces)),
-            [place0 * x for x in w_forces],
-            [self._slope_place * x for x in u_forces],
-        ]
-        return [x for vector in vectors for x in vector][:size]
+    def couples(self, on_own: Expr, on_a: Expr, on_t: Expr) -> list[Expr]:
+        """Couples on all rotations, with what changes of the places add."""
+        on_u, on_w = self.place * (on_a / 2 + on_t), self.place_at_start * (on_a / 2 - on_t)
+        return [on_own, on_a, on_t, on_u, on_w]
 
 
 def _arms(ends: _Ends) -> tuple[Vector, Vector]:
@@ -167,7 +133,7 @@ def _directions(motion: ForceStep, ends: _Ends) -> tuple[Vector, Vector]:
     first, last = _arms(ends)
     if motion.rule.level != 0.5:
         share = motion.rule.level
-        unit = add([(1 - share) * x for x in first], share, last)
+        unit = _between(share, first, last)
         unit = [x / _length(unit) for x in unit]
         return unit, [(share - 0.5) * x for x in unit]
     (arm0, t0), (arm1, t1) = ends
@@ -185,21 +151,19 @@ def _vectors(components: Sequence[Expr]) -> list[Vector]:
     return [list(components[i : i + 2]) for i in range(0, len(components), 2)]
 
 
+def _between(part: float, a: Vector, b: Vector) -> Vector:
+    return add([(1 - part) * x for x in a], part, b)
+
+
 def _length(a: Vector) -> Expr:
     return ufl.sqrt(dot(a, a) + TINY)
-
-
-def _relative(a: Vector, b: Vector) -> Expr:
-    """Length of a vector relative to another one; 1 if this is zero: round the ends of members."""
-    long = ufl.gt(dot(b, b), TINY)
-    return ufl.conditional(long, _length(a) / ufl.conditional(long, _length(b), 1.0), 1.0)
 
 
 def _kinds(follows: bool) -> tuple[CoordinateKind, CoordinateKind]:
     """The gap without and with friction; for derivatives the nearest point at the start follows."""
     name, gap = " by its start" if follows else "", functools.partial(_gap, follows)
     slip = functools.partial(_slip, follows)
-    friction = CoordinateKind(f"the gap and slip of a member{name}", 12, 6, gap, slip=slip)
+    friction = CoordinateKind(f"the gap and slip of a member{name}", 13, 4, gap, slip=slip)
     return CoordinateKind(f"the gap of a member{name}", 8, 3, gap), friction
 
 

@@ -500,7 +500,7 @@ def _sticking(step: _Step, normal: Expr, still_normal: Expr) -> tuple[Expr, list
 
     limit, still_limit = mu * normal * step.slip.normal, mu * still_normal * step.still.slip.normal
     x, still = ratio(step.slip.path, limit), ratio(step.still.slip.path, still_limit)
-    if rule.instant:  # what is at its limit slips, also if round-off of places leads back
+    if rule.instant:  # what is at its limit slips, also if round-off leads back
         unmoved = ratio(0.0, still_limit)
         still = ufl.conditional(ufl.gt(abs(unmoved), abs(still)), unmoved, still)
     bounded, iteration_memory = clipped(x, still, step.motion.iteration_memory[-REMEMBERED:], edge)

@@ -36,7 +36,7 @@ from fx_beam.step.turning_frame import TurningFrame, check_turns
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
 # Length of the steps whose tangents give the damping [s]. In much shorter ones damping over the
-# length hides what couples nodes that slide, and round-off of places on members is a fast slip.
+# length hides what couples nodes that slide.
 INSTANT = 1e-9
 # Round-off of a mass or a damping of a combination of unknowns, relative to the largest.
 _NOTHING = 1e-12

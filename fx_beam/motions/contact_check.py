@@ -143,9 +143,11 @@ def _warn_of_bumps(solution: Solution) -> None:
         if apart > _SPACING * radius:
             _log.warning(
                 "simulate: %s: the circle of radius %.4g rolls over points that are up to %.3g "
-                "apart, and sinks between them by %.2g: it bumps, and is too slow. Take shorter "
-                "elements or along=%d, for points of at most %.2g",
+                "apart, and sinks between them by %.2g: it bumps, and its way is wrong. Let the "
+                "wheel touch the member: add_contact(%s, %s, radius=(%.4g, %.4g), ...). Or take "
+                "shorter elements or along=%d, for points of at most %.2g",
                 *(obstacle, radius, apart, apart**2 / (8 * radius)),
+                *(shape.carrier, label(target), radius, obstacle.radius),
                 *(max(4, 2 * (obstacle.along or 1)), _SPACING * radius),
             )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from fx_beam.scene.contacts import Contact, arc_of, nearest
 
 #: Displacements (n, nodes, 3) of nodes by their numbers, in n rows.
 Moved = Callable[[np.ndarray], np.ndarray]
-#: Gaps (n, m), directions (n, m, 2) to the free side, and of members the nearest nodes (n, m).
-GapsAndNormals = tuple[np.ndarray, np.ndarray, Any]
+#: Gaps (n, m), and directions (n, m, 2) to the free side.
+GapsAndNormals = tuple[np.ndarray, np.ndarray]
 
 # Distances of points and nodes, in all rows, that are looked at together.
 _AT_ONCE = 100_000
@@ -50,7 +49,7 @@ def gaps_and_normals(
         x, y, psi = moved(np.array([shape.carrier.number]))[:, 0].T
         arms = arms - np.column_stack([x, y])[:, None]
     distances, directions = shape.seen(arms, psi[:, None])
-    return distances - contact.radius, directions, None
+    return distances - contact.radius, directions
 
 
 def _from_member(
@@ -64,6 +63,6 @@ def _from_member(
         nearest(points[k : k + rows], positions[k : k + rows], contact.apart, arc, closed)
         for k in range(0, len(points), rows)
     ]
-    distance, node, point = (np.concatenate(part) for part in zip(*parts, strict=True))
+    distance, _, point = (np.concatenate(part) for part in zip(*parts, strict=True))
     directions = (points - point) / np.maximum(distance, 1e-300)[..., None]
-    return distance - contact.radii, directions, node
+    return distance - contact.radii, directions

@@ -466,16 +466,16 @@ class ContactMotion(_PartMotion):
     def _of_friction(self, variable: int) -> np.ndarray:
         known = self.solution.variables_of_contact.get(self.contact.number)
         if known is None:
-            lack = "has no friction" if self.contact.friction is None else "has no motion recorded"
+            lack = "has no motion recorded, or only one of a version before 1.2"
+            lack = lack if self.contact.friction else "has no friction"
             raise ValueError(f"{self.contact} {lack}")
         shape = self.contact.shape
-        side = self._sides(shape) if isinstance(shape, Beam) else shape.side
-        return side * known[..., variable]
+        return known[..., variable] * (1 if isinstance(shape, Beam) else shape.side)
 
     # Nearest points take time: they are found once for each `ContactMotion`.
     @cached_property
     def _now(self) -> GapsAndNormals:
-        """Gaps (n, m), directions (n, m, 2) to the free side, and nearest nodes at the times t."""
+        """Gaps (n, m) and directions (n, m, 2) to the free side at the times t."""
         q = self.solution.recorded("q")
         return self._gaps_and_normals(lambda nodes: q[:, nodes])
 
@@ -496,13 +496,3 @@ class ContactMotion(_PartMotion):
     def _gaps_and_normals(self, q_of: Moved) -> GapsAndNormals:
         solution = self.solution
         return gaps_and_normals(self.contact, solution.X, solution.nodes_of_beam, q_of)
-
-    def _sides(self, member: Beam) -> np.ndarray:
-        """1 for the nodes (n, m) to the right of a member, for who looks along it, else -1."""
-        _, directions, nodes = self._now
-        assert nodes is not None
-        positions = self.solution.shape(member.name)
-        nodes_of_ends = np.minimum(nodes + 1, positions.shape[1] - 1), np.maximum(nodes - 1, 0)
-        ends = (np.take_along_axis(positions, node[..., None], axis=1) for node in nodes_of_ends)
-        x, y = np.moveaxis(np.subtract(*ends), -1, 0)
-        return np.where(x * directions[..., 1] > y * directions[..., 0], -1.0, 1.0)

@@ -215,6 +215,8 @@ def _read(raw: BinaryIO) -> Solution:
         beams = zip(nodes_of_beam, rows, balances, strict=True)
         resultants = {name: replace(BeamResultants(*row), balance=b) for name, row, b in beams}
     stability = {name: known.pop(name) for name in ("unstable_modes",) if name in known}
+    if "turns_of_line" not in known:
+        _forget_slip_on_members(known)
     end = known["end"]
     _check_types(known, _type_hints(Solution.__init__))
     if arrays or end is not None and not np.isfinite([end.t, end.length]).all():
@@ -232,6 +234,14 @@ def _read(raw: BinaryIO) -> Solution:
         stability=stability,
         **known,
     )
+
+
+def _forget_slip_on_members(known: dict[str, Any]) -> None:
+    """Files before version 1.2 have slip along a member as it is drawn: neither it nor an end."""
+    for contact in known["contacts"]:
+        if isinstance(contact.shape, Beam) and contact.friction is not None:
+            known["variables_of_contact"].pop(contact.number, None)
+            known["end"] = None
 
 
 def _balances(known: dict, beams: list[Beam]) -> list[Balance | None]:

@@ -405,7 +405,7 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
 
 
 def _checked_radii(name: str, radius) -> tuple[float, float]:
-    """Half thicknesses (radius of the other member, of the target); one number is for both."""
+    """Half thicknesses: of the target, and of the member that it touches; a number is for both."""
     pair = (radius, radius) if is_number(radius) else radius
     pair = tuple(pair) if getattr(pair, "ndim", 0) == 1 else pair
     ok = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))

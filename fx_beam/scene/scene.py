@@ -626,10 +626,11 @@ class Scene:
             derivative is in the place of k d.
         friction : Coulomb, optional
             Friction that sticks; none by default. It acts on the surface of a member with a
-            `radius`, and on that of a circle or line that moves.
+            `radius`, and on that of a circle or line that moves. On a member a node with a radius
+            rolls: its surface turns with the node, that of the member with its sections.
         radius : float or pair
-            Half of the thickness of the beam, or radius of a ball around the node [m]. Between
-            beams it is required: that of both, or a pair with that of each.
+            Half of the thickness of the beam, or radius of a wheel or ball around the node [m]. On
+            a beam it is required: that of both, or a pair with that of `a` and of `b`.
         along : int, optional
             For lines and circles: number of Gauss points in each element of a beam at which it
             touches, where elements are not much shorter than the arc of contact. By default it

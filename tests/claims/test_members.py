@@ -40,9 +40,10 @@ def test_an_impact_where_nodes_slide_on_beams_keeps_energy_and_both_momenta():
     scene.set_velocity(bar, (3.0, -0.6), spin=-0.5)
     solution = fb.simulate(scene, dt=2e-3, t_end=0.1)
     assert_conserved(solution)
-    # It touches beam and rod about the end that slides; the tangent is exact.
+    # It touches beam and rod about the end that slides; the tangent is exact. Its sections turn on
+    # those of the beam: some steps find where they stick, with an iteration more.
     assert all(solution.contact(one).normal.max() > 1 for one in scene.contacts)
-    assert solution.stats.newton_iterations < 3.2 * solution.stats.steps
+    assert solution.stats.newton_iterations < 3.5 * solution.stats.steps
 
 
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])

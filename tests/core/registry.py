@@ -748,6 +748,17 @@ def member_contact(x):
     return scene
 
 
+@case(dt=2e-3, free=True)
+def ball_that_rolls_on_a_member(x):
+    scene = fb.Scene()
+    below = scene.add_beam([(0, 0), (2, 0)], section(x), 4)
+    ball = scene.add_body((0.7, 0.251), 2.0, 0.03 * x[8]).centre
+    law = {"radius": (0.2 * x[5], 0.05), "friction": fb.Coulomb(0.1, 2e3)}
+    scene.add_contact(ball, below, stiffness=1e4 * x[7], **law)
+    scene.set_velocity(ball, (0.3, -2.0 * x[6]), spin=-4.0)
+    return scene
+
+
 def with_a_beam_that_touches(x, scene, member, place):
     """A free beam moves down with its tip on the middle of a member."""
     above = scene.add_beam([place + (0, 0.105), place + (0.2, 0.8 * x[5])], section(x), elements=2)

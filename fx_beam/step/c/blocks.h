@@ -70,7 +70,7 @@ static Layout layout_of(const Tables *p, const PointForces *points, const Work *
       ARRAY(points, a->point_numbers);
   ARRAY(natural_columns, p->natural.count ? p->natural.start[p->natural.count] : 0), ARRAY(offset, 2 * joints);
   ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(gears, p->gears.count / 2 * 3), ARRAY(places, 3 * p->sliders.count), ARRAY(paths, p->sliders.path_numbers);
-  ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
+  ARRAY(members, a->member_numbers), ARRAY(member_places, n);
   ARRAY(internal_forces, p->cells * a->internal_forces.element_numbers), ARRAY(drag, p->cells * a->drag.element_numbers);
   ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n);
   ARRAY(natural, natural), ARRAY(internal, internal), ARRAY(spring_internal, p->at_points.spring_width);

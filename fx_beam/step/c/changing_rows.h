@@ -21,7 +21,7 @@ static void count_contact_points(MemberContacts *m) {
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
     Two rates[4];
-    double fastest = 0, dt = fabs(e->given[3 * c->sums + 1]);
+    double fastest = 0, dt = fabs(e->given[3 * c->coordinates + 1]);
     differences(e, m->v, rates);
     for (int k = 0; k < 4; ++k) fastest = larger(dot2(rates[k], rates[k]), fastest);
     e->counted = e->closed || e->first.distance - *number_of(c, e->point) < SOON * dt * sqrt(fastest);
@@ -43,11 +43,11 @@ static void add_pair(ChangingRows *c, ContactPair pair) {
 static void find_pairs(const System *system, ChangingRows *c, const MemberContacts *m) {
   c->pairs = 0;
   for (int t = 0; t < m->contact_points; ++t)
-    for (int i = 0; m->contact_point[t].counted && i < CONTACT_POINT_DOFS * CONTACT_POINT_DOFS; ++i) {
-      const int *dof = m->contact_point[t].dof, a = dof[i / CONTACT_POINT_DOFS], b = dof[i % CONTACT_POINT_DOFS];
+    for (int i = 0, n = m->of[m->contact_point[t].contact].dofs; m->contact_point[t].counted && i < n * n; ++i) {
+      const int *dof = m->contact_point[t].dof, a = dof[i / n], b = dof[i % n];
       for (int e = c->dof_start[a]; e < c->dof_start[a + 1]; ++e)
         for (int f = c->dof_start[b]; f < c->dof_start[b + 1]; ++f)
-          add_pair(c, (ContactPair){i, c->dof_sign[e] * c->dof_sign[f], t, system->row_of[c->dof_column[e]],
+          add_pair(c, (ContactPair){i / n * ENTRIES + i % n, c->dof_sign[e] * c->dof_sign[f], t, system->row_of[c->dof_column[e]],
                                     system->unknown_of[c->dof_column[f]], c->dof_value[e], c->dof_value[f], -1});
     }
 }

@@ -105,14 +105,16 @@ static void search(MemberContacts *m, const double *x, double margin) {
 
 static void set_pieces(const MemberContact *c, ContactPoint *t, int piece) {
   t->piece = piece, t->begins = piece == 0, t->ends = piece + 2 >= c->nodes, t->counted = 0;
-  for (int k = 0; k < 4; ++k)
-    memcpy(t->dof + 2 + 2 * k, c->node_dof + 2 * node_of(c, piece, k), 2 * sizeof(int));
+  for (int k = 0; k < 4; ++k) {
+    const int *dof = c->node_dof + 2 * node_of(c, piece, k);
+    memcpy(t->dof + 2 + 2 * k, dof, 2 * sizeof(int)), t->dof[POSITIONS + 1 + k] = dof[0] + 2;
+  }
 }
 
 static ContactPoint contact_point_at(const MemberContacts *m, const NearPlace *near) {
   const MemberContact *c = m->of + near->contact;
   ContactPoint e = {.contact = near->contact, .point = near->point};
-  memcpy(e.dof, c->point_dof + 2 * near->point, 2 * sizeof(int));
+  memcpy(e.dof, c->point_dof + 2 * near->point, 2 * sizeof(int)), e.dof[POSITIONS] = e.dof[0] + 2;
   /* Two pieces, of which the nearest point is next to their joint. */
   set_pieces(c, &e, near->piece - (near->place < 0 && near->piece > 0));
   return e;
@@ -147,10 +149,10 @@ static void find_contact_points(MemberContacts *m, const double *x, double margi
 static double *number_of(const MemberContact *c, int point) { return c->number + (long)point * c->numbers; }
 
 /* Where the internal variables, what is of places, and the numbers of a point are among what its law is given. */
-static inline int internal_at(const MemberContact *c) { return 3 * c->sums + 2; }
+static inline int internal_at(const MemberContact *c) { return 3 * c->coordinates + 2; }
 static inline int stretch_in_slot(const MemberContacts *m, int slot) { return m->first_internal + SLOT_WIDTH * slot + 1; }
 static inline int places_at(const MemberContact *c) { return internal_at(c) + c->internal + c->iteration_memory; }
-static inline int numbers_at(const MemberContact *c) { return places_at(c) + (c->internal ? 5 : 2); }
+static inline int numbers_at(const MemberContact *c) { return places_at(c) + 2; }
 
 /* The slot of a contact point: that of a place less than two pieces away, or a free one; -1 if all are taken. */
 static int slot_of(MemberContacts *m, const ContactPoint *e) {
@@ -220,7 +222,7 @@ static int place_contact_points(MemberContacts *m, const double *x, const double
 /* Sets the arguments of the law of a contact point that stay in the whole step. */
 static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, double dt) {
   const MemberContact *c = m->of + e->contact;
-  double *to = e->given + 3 * c->sums, *numbers = e->given + numbers_at(c);
+  double *to = e->given + 3 * c->coordinates, *numbers = e->given + numbers_at(c);
   e->slot = c->internal ? slot_of(m, e) : -1;
   to[0] = t, to[1] = dt;
   memset(to + 2, 0, (c->internal + c->iteration_memory) * sizeof(double));
@@ -250,16 +252,19 @@ static void begin_members(MemberContacts *m, const double *q, const double *v, d
 }
 
 /* Sums of vectors at the nodes with all kinds of weights. */
-static inline void sums_of(int count, double sums[MOST_SUMS][4], const Two *r, double *out) {
-  for (int k = 0; k < count; ++k) *(Two *)(out + 2 * k) = weighted(sums[k], r);
+static inline void sums_of(double sums[SUMS][4], const Two *r, double *out) {
+  for (int k = 0; k < SUMS; ++k) *(Two *)(out + 2 * k) = weighted(sums[k], r);
 }
 
-/* Arc length of a place, which is counted in nodes, and its slope. */
-static double arc_at(const MemberContact *c, double place, double *slope) {
-  int i = (int)place;
-  i = i < 0 ? 0 : i > c->nodes - 2 ? c->nodes - 2 : i;
-  *slope = c->arc[i + 1] - c->arc[i];
-  return c->arc[i] + (place - i) * *slope;
+/* Sets the sums of rotations, and their increments with which couples do work. */
+static void turn_contact_point(const MemberContacts *m, ContactPoint *e, const double *D, double *out) {
+  memset(out, 0, TURN_SUMS * sizeof(double));
+  for (int j = 0; j < 5; ++j) {
+    double turn = D[e->dof[POSITIONS + j]], tangent = m->turning ? tan(turn / 2) : 0;
+    e->slopes[j] = 1 + tangent * tangent, e->turns[j][0] = !j;
+    for (int k = 1; k < TURN_SUMS; ++k) e->turns[j][k] = j ? e->sums[j][k - 1] : 0;
+    for (int k = 0; k < TURN_SUMS; ++k) out[k] += e->turns[j][k] * (m->turning ? 2 * tangent : turn);
+  }
 }
 
 /* Sets what the law of a contact point is given at an increment; returns whether there may be a force. */
@@ -280,51 +285,75 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   e->passed = dot2(weighted(e->first.weights, start), weighted(near.weights, end)) < 0;
   e->closed |= near.distance < radius;
   if (!e->closed) return 0;
-  double sums[MOST_SUMS][4], *place_slopes = e->given + places_at(c);
+  double sums[SUMS][4], *place_slopes = e->given + places_at(c), *increments = e->given + c->coordinates;
   const NearPoint *first = &e->first;
-  int count = c->sums / 2;
   for (int k = 0; k < 4; ++k) {
     sums[0][k] = (first->weights[k] + near.weights[k]) / 2, sums[1][k] = near.weights[k] - first->weights[k];
-    sums[2][k] = near.slopes[k], sums[3][k] = first->slopes[k], sums[4][k] = first->bends[k], sums[5][k] = near.bends[k];
+    sums[2][k] = near.slopes[k], sums[3][k] = first->slopes[k];
   }
-  sums_of(count, sums, start, e->given), sums_of(count, sums, change, e->given + c->sums);
+  sums_of(sums, start, e->given), sums_of(sums, change, increments);
   differences(e, m->v, rates);
-  sums_of(count, sums, rates, e->given + 2 * c->sums);
+  sums_of(sums, rates, increments + c->coordinates);
   place_slopes[0] = near.per_rate, place_slopes[1] = first->per_rate;
-  if (c->internal) {
-    place_slopes[2] = -arc_at(c, e->piece + first->place, place_slopes + 4);
-    place_slopes[2] += arc_at(c, e->piece + near.place, place_slopes + 3);
-  }
-  for (int k = 0; k < count; ++k) {
+  for (int k = 0; k < SUMS; ++k) {
     e->sums[0][k] = 0;
     for (int j = 0; j < 4; ++j) e->sums[0][k] -= sums[k][j], e->sums[j + 1][k] = sums[k][j];
   }
+  if (c->internal) turn_contact_point(m, e, D, increments + 2 * SUMS);
   return 1;
 }
 
-/* The tangent of a contact point from that of so many of its sums. */
-INLINED void tangent_of(ContactPoint *e, double K[2 * MOST_SUMS][2 * MOST_SUMS], int count) {
-  Two half[2 * MOST_SUMS][5] = {{{0}}}, *row = (Two *)e->tangent;
-  for (int i = 0; i < 2 * count; ++i)
-    for (int j = 0; j < 5; ++j)
-      for (int k = 0; k < count; ++k) half[i][j] += e->sums[j][k] * *(Two *)(K[i] + 2 * k);
-  for (int i = 0; i < CONTACT_POINT_DOFS; ++i)
-    for (int j = 0; j < 5; ++j) {
-      Two sum = {0};
-      for (int k = 0; k < count; ++k) sum += e->sums[i / 2][k] * half[2 * k + i % 2][j];
-      *row++ = sum;
-    }
+/* Derivatives `by` the coordinates of a law as those by an entry of a contact point, a position or a rotation. */
+static inline double by_entry(const ContactPoint *e, const double *by, int entry) {
+  double sum = 0;
+  if (entry < POSITIONS)
+    for (int k = 0; k < SUMS; ++k) sum += e->sums[entry / 2][k] * by[2 * k + entry % 2];
+  else
+    for (int k = 0, j = entry - POSITIONS; k < TURN_SUMS; ++k) sum += e->turns[j][k] * by[2 * SUMS + k];
+  return sum;
+}
+
+/* Sums on which there are forces: there are none on the last one. */
+enum { LOADED = SUMS - 1 };
+
+/* A row of the tangent of the law of a contact point, with derivatives by its entries. */
+INLINED void row_by_entries(const ContactPoint *e, const double *by, int turns, double *row) {
+  for (int j = 0; j < 5; ++j) {
+    Two sum = {0};
+    for (int k = 0; k < LOADED; ++k) sum += e->sums[j][k] * *(const Two *)(by + 2 * k);
+    *(Two *)(row + 2 * j) = sum;
+  }
+  for (int j = 0; turns && j < 5; ++j) {
+    double sum = 0;
+    for (int k = 0; k <= LOADED; ++k) sum += e->turns[j][k] * by[2 * SUMS + k];
+    row[POSITIONS + j] = sum * e->slopes[j];
+  }
+}
+
+/* The tangent of a contact point from that of its law; with `turns` also of couples, and by rotations. */
+INLINED void tangent_of(ContactPoint *e, double K[COORDINATES][COORDINATES], int turns) {
+  double half[COORDINATES][ENTRIES + 1], *row = e->tangent;
+  for (int i = 0; i < 2 * LOADED; ++i) row_by_entries(e, K[i], turns, half[i]);
+  for (int i = 2 * SUMS; turns && i <= 2 * SUMS + LOADED; ++i) row_by_entries(e, K[i], 1, half[i]);
+  for (int i = 0; i < POSITIONS; ++i, row += ENTRIES) {
+    const double *n = e->sums[i / 2], (*part)[ENTRIES + 1] = half + i % 2;
+    for (int l = 0; l < (turns ? ENTRIES : POSITIONS); ++l) row[l] = n[0] * part[0][l] + n[1] * part[2][l] + n[2] * part[4][l];
+  }
+  for (int j = 0; turns && j < 5; ++j, row += ENTRIES) {
+    const double *n = e->turns[j], (*part)[ENTRIES + 1] = half + 2 * SUMS;
+    for (int l = 0; l < ENTRIES; ++l) row[l] = n[0] * part[0][l] + n[1] * part[1][l] + n[2] * part[2][l] + n[3] * part[3][l];
+  }
 }
 
 HOT void make_tangent(const MemberContact *c, ContactPoint *e) {
-  double K[2 * MOST_SUMS][2 * MOST_SUMS] = {{0}};
-  for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[c->sums + i];
-  if (c->loaded == 6) tangent_of(e, K, 3); else tangent_of(e, K, 4);
+  double K[COORDINATES][COORDINATES] = {{0}};
+  for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[c->coordinates + i];
+  if (c->internal) tangent_of(e, K, 1); else tangent_of(e, K, 0);
 }
 
 /* Calls the law of a contact point, after `move_contact_point`. */
 static void find_force(const MemberContact *c, ContactPoint *e) {
-  call(c->law, e->given, e->results, c->sums + c->entries + c->internal + c->iteration_memory);
+  call(c->law, e->given, e->results, c->coordinates + c->entries + c->internal + c->iteration_memory);
 }
 
 void fx_evaluate_members(MemberContacts *m, const double *D) {
@@ -332,22 +361,20 @@ void fx_evaluate_members(MemberContacts *m, const double *D) {
     const MemberContact *c = m->of + e->contact;
     if (!move_contact_point(m, e, D)) continue;
     find_force(c, e);
-    const double *iteration_memory = e->results + c->sums + c->entries + c->internal;
+    const double *iteration_memory = e->results + c->coordinates + c->entries + c->internal;
     memcpy(e->given + internal_at(c) + c->internal, iteration_memory, c->iteration_memory * sizeof(double));
     make_tangent(c, e);
   }
 }
 
 /* Force of the law of a contact point on its point (0) or a node. */
-static inline Two force_on(const MemberContact *c, const ContactPoint *e, int i) {
-  Two sum = {0};
-  for (int k = 0; k < c->loaded / 2; ++k) sum += e->sums[i][k] * *(const Two *)(e->results + 2 * k);
-  return sum;
+static inline Two force_on(const ContactPoint *e, int i) {
+  return (Two){by_entry(e, e->results, 2 * i), by_entry(e, e->results, 2 * i + 1)};
 }
 
 void fx_add_members(const MemberContacts *m, double *f) {
   for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e)
-    for (int i = 0; e->closed && i < CONTACT_POINT_DOFS; ++i) f[e->dof[i]] += force_on(m->of + e->contact, e, i / 2)[i % 2];
+    for (int i = 0; e->closed && i < m->of[e->contact].dofs; ++i) f[e->dof[i]] += by_entry(e, e->results, i);
 }
 
 /* The product of their tangent and x; 0 without any members. */
@@ -355,9 +382,9 @@ static const double *times_members(MemberContacts *m, const double *x) {
   if (!HAS(MEMBERS) || !m) return 0;
   memset(m->product, 0, m->dofs * sizeof(double));
   for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e)
-    for (int i = 0; e->closed && i < CONTACT_POINT_DOFS; ++i) {
+    for (int i = 0, n = m->of[e->contact].dofs; e->closed && i < n; ++i) {
       double sum = 0;
-      for (int j = 0; j < CONTACT_POINT_DOFS; ++j) sum += e->tangent[i * CONTACT_POINT_DOFS + j] * x[e->dof[j]];
+      for (int j = 0; j < n; ++j) sum += e->tangent[i * ENTRIES + j] * x[e->dof[j]];
       m->product[e->dof[i]] += sum;
     }
   return m->product;
@@ -386,7 +413,7 @@ static void add_energy_at(const MemberContacts *m, Energy *to, int contact, int 
                           const double *internal, double *slopes) {
   const MemberContact *c = m->of + contact;
   double given[CONTACT_POINT_GIVEN] = {distance};
-  given[3 * c->sums + 1] = 1;
+  given[3 * c->coordinates + 1] = 1;
   if (internal) memcpy(given + internal_at(c), internal, c->internal * sizeof(double));
   memcpy(given + numbers_at(c), number_of(c, point), c->numbers * sizeof(double));
   if (!to->by) {
@@ -435,7 +462,7 @@ static void evolve_members(MemberContacts *m, const double *D, double *internal)
     if (!c->internal || e->slot < 0 || !move_contact_point(m, e, D)) continue;
     find_force(c, e);
     memory[SLOT_WIDTH * e->slot] = e->piece + e->end + 1;
-    memcpy(memory + SLOT_WIDTH * e->slot + 1, e->results + c->sums + c->entries, c->internal * sizeof(double));
+    memcpy(memory + SLOT_WIDTH * e->slot + 1, e->results + c->coordinates + c->entries, c->internal * sizeof(double));
   }
 }
 
@@ -451,7 +478,7 @@ static void add_energy(const MemberContacts *m, const NearPlace *near, const dou
   differences(&e, x, r);
   NearPoint nearest = nearest_point(r, e.begins, e.ends);
   Two along = slopes[0] / near->distance * weighted(nearest.weights, r);
-  for (int i = 0; i < CONTACT_POINT_DOFS; ++i)
+  for (int i = 0; i < POSITIONS; ++i)
     to->q_slopes[e.dof[i]] += along[i % 2] * (i < 2 ? -1 : nearest.weights[i / 2 - 1]);
 }
 
@@ -479,7 +506,7 @@ static void record_members(const MemberContacts *m, double factor, double *out) 
     const MemberContact *c = m->of + e->contact;
     for (int k = 0; e->closed && k < 5; ++k) {
       int slot = k ? c->node_slot[node_of(c, e->piece, k - 1)] : c->point_slot[e->point];
-      if (slot >= 0) *(Two *)(out + 2 * slot) -= factor * force_on(c, e, k);
+      if (slot >= 0) *(Two *)(out + 2 * slot) -= factor * force_on(e, k);
     }
   }
 }

@@ -14,11 +14,10 @@ static inline double dot2(Two a, Two b) { return a[0] * b[0] + a[1] * b[1]; }
 
 static inline Two weighted(const double *n, const Two *r) { return n[0] * r[0] + n[1] * r[1] + n[2] * r[2] + n[3] * r[3]; }
 
-/* Weights of three nodes at a place on a piece, their slopes, and the slopes of these. */
-static inline void piece_weights(double x, double *n, double *slope, double *bend) {
+/* Weights of three nodes at a place on a piece, and their slopes. */
+static inline void piece_weights(double x, double *n, double *slope) {
   n[0] = (x - 0.5) * (x - 0.5) / 2, n[1] = 0.75 - x * x, n[2] = (x + 0.5) * (x + 0.5) / 2;
   slope[0] = x - 0.5, slope[1] = -2 * x, slope[2] = x + 0.5;
-  bend[0] = bend[2] = 1, bend[1] = -2;
 }
 
 /* Weights of images go to the nodes themselves. */
@@ -72,11 +71,11 @@ static NearPoint nearest_on(const Two *r, int second, int begins, int ends) {
   NearPoint near = {0};
   Piece c = piece_of(begins ? 2 * r[1] - r[2] : r[0], r[1], ends ? 2 * r[1] - r[0] : r[2]);
   Two arm = {0};
-  double *weights[] = {near.weights + second, near.slopes + second, near.bends + second};
+  double *weights[] = {near.weights + second, near.slopes + second};
   double low = begins ? 0 : -0.5, high = ends ? 0 : 0.5, x = nearest_place(&c, low, high);
   int inside = second ? x < high : x > low; /* also at the joint of the pieces */
-  piece_weights(x, weights[0], weights[1], weights[2]);
-  for (int k = 0; k < 3; ++k) fold(weights[k], begins, ends);
+  piece_weights(x, weights[0], weights[1]);
+  for (int k = 0; k < 2; ++k) fold(weights[k], begins, ends);
   for (int j = 0; j < 3; ++j) arm += near.weights[second + j] * r[j];
   near.place = x + second, near.distance = sqrt(dot2(arm, arm));
   near.per_rate = inside ? 1 / rate_of_residual(&c, x) : 0;

@@ -11,38 +11,23 @@
    places, and numbers. */
 enum { MOST_FOLLOWED = 60 };
 static inline int followed_by(const MemberContact *c) {
-  return 2 * c->sums + c->internal + numbers_at(c) - places_at(c) + c->numbers;
-}
-
-/* Derivatives by the arcs of a member: of the slip, and of its slopes at the end and at the start. */
-static void put_arcs(Block *b, const MemberContact *c, const ContactPoint *e, int arcs, const double *by, int to) {
-  double places[] = {e->piece + e->end, e->piece + e->first.place};
-  for (int k = 0; k < 2; ++k) {
-    int i = (int)places[k];
-    i = i < 0 ? 0 : i > c->nodes - 2 ? c->nodes - 2 : i;
-    double along = k ? -by[0] : by[0], part = places[k] - i;
-    put(b, arcs + i, to, along * (1 - part) - by[1 + k]), put(b, arcs + i + 1, to, along * part + by[1 + k]);
-  }
+  return 2 * c->coordinates + c->internal + numbers_at(c) - places_at(c) + c->numbers;
 }
 
 /* A force on an entry of a contact point, or an internal variable, by all that its law is given, with the place of its own
    variables or -1; sets the row of the tangent. */
 static void put_contact_point_row(Block *b, const MemberContact *c, const ContactPoint *e, const Layout *at, const double *by, int variables,
                           int to, double *tangent) {
-  int n = c->sums;
-  const double *place_slopes = by + 2 * n + c->internal, *number_slopes = by + followed_by(c) - c->numbers;
-  for (int j = 0; j < CONTACT_POINT_DOFS; ++j) {
-    double start_slope = 0, change_slope = 0;
-    for (int k = 0; k < n / 2; ++k) {
-      start_slope += e->sums[j / 2][k] * by[2 * k + j % 2];
-      change_slope += e->sums[j / 2][k] * by[n + 2 * k + j % 2];
-    }
+  int n = c->coordinates;
+  const double *number_slopes = by + followed_by(c) - c->numbers;
+  for (int j = 0; j < c->dofs; ++j) {
+    double start_slope = j < POSITIONS ? by_entry(e, by, j) : 0;
+    double change_slope = by_entry(e, by + n, j) * (j < POSITIONS ? 1 : e->slopes[j - POSITIONS]);
     put(b, at->q + e->dof[j], to, start_slope - change_slope), put(b, at->q1 + e->dof[j], to, change_slope);
     put(b, at->member_places + e->dof[j], to, start_slope);
     if (tangent) tangent[j] = change_slope;
   }
   for (int i = 0; variables >= 0 && i < c->internal; ++i) put(b, at->spring_internal + variables + i, to, by[2 * n + i]);
-  if (c->internal) put_arcs(b, c, e, at->arcs + c->first_arc, place_slopes + 2, to);
   for (int i = 0; i < c->numbers; ++i)
     put(b, at->members + c->first_number + e->point * c->numbers + i, to, number_slopes[i]);
 }
@@ -52,17 +37,19 @@ static void put_members(Block *b, const PointForces *points, const Derivatives *
   MemberContacts *m = points->members;
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
-    int n = c->sums, wide = followed_by(c), variables = e->slot < 0 ? -1 : stretch_in_slot(m, e->slot);
-    double slopes[(2 * MOST_SUMS + SLOT_WIDTH) * MOST_FOLLOWED];
+    int n = c->coordinates, wide = followed_by(c), variables = e->slot < 0 ? -1 : stretch_in_slot(m, e->slot);
+    double slopes[(COORDINATES + SLOT_WIDTH) * MOST_FOLLOWED];
     if (!e->closed) continue;
     call(c->slopes, e->given, slopes, (n + c->internal) * wide);
     const Reversal *reversal = variables < 0 ? 0 : reversal_at(a, step, variables);
     if (reversal) reverse(reversal, n, wide, wide - 2, 0, slopes);
-    for (int i = 0; i < CONTACT_POINT_DOFS; ++i) {
-      double by[MOST_FOLLOWED] = {0};
-      for (int k = 0; k < n / 2; ++k)
-        for (int j = 0; j < wide; ++j) by[j] += e->sums[i / 2][k] * slopes[(2 * k + i % 2) * wide + j];
-      put_contact_point_row(b, c, e, at, by, variables, at->r + e->dof[i], e->tangent + i * CONTACT_POINT_DOFS);
+    for (int i = 0; i < c->dofs; ++i) {
+      double by[MOST_FOLLOWED] = {0}, force_slopes[COORDINATES] = {0};
+      for (int j = 0; j < wide; ++j) {
+        for (int k = 0; k < n; ++k) force_slopes[k] = slopes[k * wide + j];
+        by[j] = by_entry(e, force_slopes, i);
+      }
+      put_contact_point_row(b, c, e, at, by, variables, at->r + e->dof[i], e->tangent + i * ENTRIES);
     }
     for (int i = 0; variables >= 0 && i < c->internal; ++i)
       put_contact_point_row(b, c, e, at, slopes + (n + i) * wide, variables, at->springs1 + variables + i, 0);

@@ -62,7 +62,7 @@ typedef struct {
    nodes that slide, on nodes and on columns, closures of loops and the forces that close them, what these push on beams;
    moments of springs at joints, forces of joints, axes of beams, and sizes of forces that friction follows. */
 typedef struct {
-  int mass, weight, columns, points, natural_columns, offset, axis, rest, gears, places, paths, members, arcs, member_places, internal_forces, drag;
+  int mass, weight, columns, points, natural_columns, offset, axis, rest, gears, places, paths, members, member_places, internal_forces, drag;
   int Y, q, v, q_previous, natural, internal, spring_internal; /* the last three as behind the slides at the end */
   int loads, driven, follower_force, parameters, naturals, hold;
   int Y1, q1, arms, slides, natural1, internal1, springs1, map, held, r, R, closures, closing, pushed, carried, moments;
@@ -98,7 +98,7 @@ typedef struct {
   int *transposed_at;
   int *followed;      /* places in x of the forces that friction follows */
   int *reversal_start; Reversal *reversal; /* the first of each sub-step, if there are any */
-  int member_numbers, member_arcs; /* of contact with members: how many numbers and arcs its laws have */
+  int member_numbers; /* of contact with members: how many numbers its laws have */
   double *scratch;
 } Derivatives;
 
