@@ -26,6 +26,10 @@ FAILURES = StepFailed, RuntimeError, ValueError
 # rounding errors, relative to stiffness times the size of the scene. The part of the loads by which
 # it is found.
 _OF_PARTS, _OF_FORCES, _ROUNDING, _PART_OF_LOADS = 1e-7, 1e-9, 2e-16, 0.1
+# Eigenvalue at the start of a step that vanishes, relative to that at its end.
+_VANISHES = 1e-4
+# Modes that one point has at most, as a rule.
+_AT_ONE_POINT = 2
 
 
 class Crossings:
@@ -48,9 +52,9 @@ class Crossings:
         if count is None or next_count is None or abs(next_count - count) in (0, limits):
             return
         stepper = self.arc.stepper
-        rises = stepper.may_be_cut and stepper.options.continuation is None
-        if rises and not count and next_count > 1:
-            self._check_bent(old, new, next_count)
+        if stepper.may_be_cut and not count and self._is_too_long(new, next_count):
+            reason = f"{next_count} of its modes become unstable in it"
+            raise StepFailed("off the path", reason, new.q - old.q)
         crossings, missing = self._in_step(old, new, count, next_count, whole=False)
         if missing:
             count, next_count = self.motions.count_again(old, new)
@@ -63,15 +67,26 @@ class Crossings:
             raise StepFailed("off the path", reason, new.q - old.q)
         self._seen[id(new)] = old, new, crossings
 
-    def _check_bent(self, old: State, new: State, count: int) -> None:
-        """StepFailed if loads bend the unstable modes behind a step from a stable state."""
-        bends = False
+    def check_turn(self, old: State, new: State) -> None:
+        """StepFailed if a step starts at a bifurcation, where round-off leads it off the path."""
+        motions, is_turn = self.motions, False
         with suppress(*FAILURES):
-            K = self.motions.stiffness(new)
-            bends = self.motions.symmetric(K) and self.bends(new, self.motions.lowest(K, count)[1])
-        if bends:
-            reason = "modes that the loads bend become unstable in it"
+            tangents = [motions.stiffness(state) for state in (old, new)]
+            if all(map(motions.symmetric, tangents)):
+                first, last = (abs(motions.lowest(K, 1)[0][0]) for K in tangents)
+                is_turn = first < _VANISHES * last
+        if is_turn:
+            reason = "it starts at a bifurcation, where round-off leads it on"
             raise StepFailed("off the path", reason, new.q - old.q)
+
+    def _is_too_long(self, end: State, count: int) -> bool:
+        """Whether a step from a stable state passes more modes than one point, or two that bend."""
+        if count == _AT_ONE_POINT:
+            with suppress(*FAILURES):
+                K = self.motions.stiffness(end)
+                symmetric = self.motions.symmetric(K)
+                return symmetric and self.bends(end, self.motions.lowest(K, count)[1])
+        return count > _AT_ONE_POINT
 
     def between(
         self, old: State, new: State, count: int, next_count: int

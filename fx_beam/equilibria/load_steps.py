@@ -37,6 +37,8 @@ _SHORT, _ON_PATH = 0.2, 1.0
 _SHORT_OTHER, _ON_PATH_OTHER = 0.1, 0.7
 # Deviation of an easy step from its predictor.
 EASY_DEVIATION = 0.25
+# Growth of the displacement per load, from step to step, at which a step may turn off its path.
+_TURN = 100.0
 
 
 class LoadStepper:
@@ -62,6 +64,8 @@ class LoadStepper:
         #: Raises StepFailed for two states between which no step of the path can be, beside a
         #: number of limit points.
         self.check: Callable[[State, State, int], None] = lambda old, new, limits: None
+        #: The same for a step whose displacement per load is far larger than that of the last one.
+        self.check_turn: Callable[[State, State], None] = lambda old, new: None
 
     def residual(self, state: State, factor: float) -> np.ndarray:
         """Forces (free,) that hold a state at a load factor."""
@@ -98,6 +102,8 @@ class LoadStepper:
         self._check_path(state, new, step, len(response) == 2 and response[1] > response[0])
         if interval.length:
             self.check(state, new, 0)
+            if len(response) == 2 and response[1] > _TURN * self.response[-1]:
+                self.check_turn(state, new)
         self.response = response
         return new
 

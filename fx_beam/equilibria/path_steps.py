@@ -37,6 +37,7 @@ class PathSteps:
         self.stepper = LoadStepper(self.forcing, self.options, self.stats)
         self.crossings = Crossings(self.stepper)
         self.stepper.check = self.crossings.check
+        self.stepper.check_turn = self.crossings.check_turn
 
     @property
     def mechanism(self) -> str:

@@ -17,7 +17,8 @@ _SOFTENING = 4.0
 def raise_load(stepper: LoadStepper, states: list[State]) -> None:
     """Append the states from the last one up to load factor 1; StepError after all cuts.
 
-    A step is halved if it fails, and doubled after an easy one; `load_steps` limits its length.
+    A step is halved if it fails, and doubled after an easy one; `load_steps` limits its length. One
+    that starts or ends at a bifurcation goes over it.
     """
     longest = stride = 2**stepper.options.max_cuts
     # Load factors are multiples of 1/count.
@@ -32,9 +33,9 @@ def raise_load(stepper: LoadStepper, states: list[State]) -> None:
             states.append(stepper.step(states[-1], goal))
         except StepFailed as failure:
             if stride == 1:
-                if not _stepped_over(stepper, states, goal):
+                place = min(end + 1, count)
+                if not _stepped_over(stepper, states, place / count):
                     raise _error(stepper, states[-1], goal, failure) from failure
-                place, stride = end, longest
                 continue
             stepper.stats.halvings += 1
             stride //= 2

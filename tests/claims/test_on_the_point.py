@@ -53,6 +53,31 @@ def test_a_column_whose_load_step_ends_at_its_critical_load(apart, way):
     assert not path.stable[-1]
 
 
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize(("steps", "size"), [(10, 2.0), (3, 3.0), (4, 4.0)])
+def test_round_off_leads_no_column_off_its_path_from_its_critical_load(steps, size, degree, way):
+    """One on rotation springs: it bowed to either side without a critical point."""
+
+    def column_on_springs(load):
+        along = 2.0 * np.array([np.cos(0.7), np.sin(0.7)])
+        scene = fb.Scene()
+        section = fb.Section(1e3, 1e3, 1e-3)
+        bar = scene.add_beam([(0, 0), along], section, elements=8, degree=degree)
+        scene.clamp(bar.start)
+        for node in bar.nodes[1:]:
+            scene.add_spring(node, rotation=fb.Spring(3e-3))
+        scene.add_force(bar.end, tuple(-load / 2 * along))
+        return scene
+
+    load = 0.036
+    critical = load * fb.static(column_on_springs(load)).critical_points[0].load_factor
+    path = fb.static(column_on_springs(size * critical), load_steps=steps, continuation=way)
+    assert path.critical_points[0].load_factor == pytest.approx(1 / size, abs=1e-6)
+    assert path.critical_points[0].kind == "bifurcation"
+    assert path.load_factor[-1] == 1 and not path.stable[-1]
+
+
 def test_a_shallow_truss_whose_step_ends_at_its_limit_point():
     """Of two springs, by von Mises: P = 2 k (L/l - 1) h has its maximum at load factor 0.5."""
     rise, k = 0.2, 1e3
