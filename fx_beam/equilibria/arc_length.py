@@ -82,6 +82,8 @@ class ArcLength:
         self._failures = stepper.loop.failures
         #: 1 where the load factor rises along the path, else -1.
         self.rising = 1.0
+        #: Load factor at which a path ends.
+        self.goal = 1.0
 
     def state_at(self, state: State, tangent: Tangent, distance: float) -> State:
         """State in the plane normal to a tangent at a distance along it; StepFailed if none."""
@@ -121,7 +123,7 @@ class ArcLength:
             limit, limit_tangent = self._limit_point(state, tangent, ds, target, (new, ahead))
             if limit_tangent is not None:
                 new, ahead = limit, limit_tangent
-        if new.t >= 1:
+        if new.t >= self.goal:
             new, limit = self._last_step(state, tangent), None
         rows = [new] if limit is None or limit is new else [limit, new]
         return Advance(rows, ahead, turn, corrections, None if limit is None else limit.t)
@@ -205,11 +207,11 @@ class ArcLength:
         return replace(last, t=home.t, q=home.q)
 
     def _last_step(self, state: State, tangent: Tangent) -> State:
-        """State at load factor 1, from the last state before it."""
-        missing = 1 - state.t
+        """State at the goal, from the last state before it."""
+        missing = self.goal - state.t
         level = Tangent(np.zeros_like(tangent.y), np.zeros_like(tangent.D), 1.0)
         step, _ = self._correct(state, tangent, missing / tangent.load, level, missing)
-        return self._finish(state, 1.0, step)
+        return self._finish(state, self.goal, step)
 
     def _finish(self, state: State, t1: float, step: StepSolution) -> State:
         self.stepper.note(step)
@@ -271,7 +273,7 @@ class ArcLength:
         if corner.first > _NEAR * ds:
             return corner.first, None
         new = self._finish(state, state.t + load, step)
-        if new.t >= 1:
+        if new.t >= self.goal:
             new = self._last_step(state, onwards)
         if self._path.along(onwards, tangent.D, tangent.load) < 0:
             # Back on the way one has come, unless the tangent changes at the start.

@@ -50,9 +50,13 @@ class PathFollowing:
     """
 
     def __init__(
-        self, arc: ArcLength, states: list[State], start: tuple[Tangent, float] | None = None
+        self,
+        arc: ArcLength,
+        states: list[State],
+        start: tuple[Tangent, float] | None = None,
+        part: float = 1.0,
     ):
-        self._arc, self._states, self._start = arc, states, start
+        self._arc, self._states, self._start, self._part = arc, states, start, part
         self._stepper, self._options = arc.stepper, arc.stepper.options
         self._stats, self._home = arc.stepper.stats, states[0] if start else None
         # The error of the work is then of second order in the steps.
@@ -68,7 +72,7 @@ class PathFollowing:
             path = self._stepper.path
             path.begin(self._states[-1])
             tangent = path.with_the_load(np.zeros(self._arc.model.reduction.free), 0.0)
-            length = 1 / (self._options.load_steps * tangent.load)
+            length = self._part / (self._options.load_steps * tangent.load)
         else:
             tangent, length = self._start
         self._arc.rising = 1.0 if tangent.load >= 0 else -1.0
@@ -102,7 +106,7 @@ class PathFollowing:
     def _ends(self) -> bool:
         states, stats, options = self._states, self._stats, self._options
         return (
-            states[-1].t >= 1
+            states[-1].t >= self._arc.goal
             or len(states) > options.max_steps
             or stats.closed
             or self._is_behind_limit_point
@@ -110,8 +114,9 @@ class PathFollowing:
 
     @property
     def _is_behind_limit_point(self) -> bool:
-        limits = self._stats.limit_points
-        return bool(self._options.stop_at and limits and self._states[-1].t != limits[0])
+        limits, options = self._stats.limit_points, self._options
+        stops = options.stop_at or options.continuation is None
+        return bool(stops and limits and self._states[-1].t != limits[0])
 
     def _advance(self, tangent: Tangent, ds: float) -> tuple[Tangent, float]:
         """The tangent at the end of a step, and the length of the next one."""

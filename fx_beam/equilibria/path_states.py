@@ -33,6 +33,8 @@ _SHORTEST = 100
 _DOUBLINGS = 24
 # Forces that hold the reference, relative to the largest forces at nodes, that are round-off.
 _HELD = 1e-9
+# Difference of load factors, in load steps, that is round-off.
+_ROUNDING = 1e-9
 
 
 class PathStates:
@@ -48,23 +50,22 @@ class PathStates:
         if isinstance(self._start, Branch):
             self._branch_off(self._start, states)
             return
-        model = self._model
+        model, options = self._model, self._options
         if model.mechanism and model.scene.virtual_works:
             if Settling(self._stepper).freest(reference_state(model)) is None:
                 model.mechanism = ""  # they hold it
         states.append(self.first_state())
-        may_settle = self._start is None and not model.mechanism
-        may_settle &= self._options.load_steps * 2**self._options.max_cuts >= _SHORTEST
-        self._raise_load(states, may_settle)
+        is_short = options.load_steps * 2**options.max_cuts >= _SHORTEST
+        self._raise_load(states, is_short)
         if model.mechanism:
             Settling(self._stepper).check_balance(states[-1])
 
-    def _raise_load(self, states: list[State], may_settle: bool) -> None:
-        """Append the states up to load factor 1.
+    def _raise_load(self, states: list[State], is_short: bool) -> None:
+        """Append the states up to load factor 1, if a step `is_short` after all cuts in any way.
 
         A scene that follows no small part of its loads, as a slack cable, settles as a mechanism.
         """
-        slack = False
+        slack, may_settle = False, is_short and self._start is None and not self._model.mechanism
         while True:
             try:
                 if self._options.continuation is None:
@@ -73,6 +74,8 @@ class PathStates:
                     PathFollowing(self._arc, states).run()
                 return
             except StepError as error:
+                if is_short and self._followed_along(states):
+                    continue
                 # What has followed its loads for a while is not slack.
                 if not (may_settle and (slack or len(states) == 1)):
                     raise
@@ -88,14 +91,39 @@ class PathStates:
                 states.append(settled)
                 slack = True
 
+    def _followed_along(self, states: list[State]) -> bool:
+        """Whether the arc length leads through a load step that bends too sharply for all cuts.
+
+        Its states are appended then. Behind a limit point, or if unstable, they are not.
+        """
+        options, limits, before = self._options, self._stepper.stats.limit_points, list(states)
+        # What friction follows is not found along the arc length.
+        follows = options.continuation is not None or len(self._model.points.followed)
+        if follows or self._is_unstable(states[-1]):
+            return False
+        self._arc.goal = self._end_of_load_step(states[-1])
+        with suppress(StepError):
+            PathFollowing(self._arc, states, part=4.0**-options.max_cuts).run()
+        if states[-1].t >= self._arc.goal and not self._is_unstable(states[-1]):
+            return True
+        limits.clear()
+        states[:] = before
+        return False
+
+    def _is_unstable(self, state: State) -> bool:
+        return bool(self._stepper.motions.count(state, state))
+
+    def _end_of_load_step(self, state: State) -> float:
+        steps = self._options.load_steps
+        return float(np.floor(state.t * steps + _ROUNDING) + 1) / steps
+
     def _settled_again(self, state: State, error: StepError) -> State:
         """The state at the end of the load step of an error, if it is stable; else the error."""
-        path, steps = self._path, self._options.load_steps
+        path = self._path
         holding_forces, path.held = path.held, 0 * path.held
         with suppress(SceneError):
-            goal = (np.floor(state.t * steps + 1e-9) + 1) / steps
-            new = self._settled_by_parts(state, float(goal), str(error))
-            if not self._stepper.motions.count(new, new):
+            new = self._settled_by_parts(state, self._end_of_load_step(state), str(error))
+            if not self._is_unstable(new):
                 return new
         path.held = holding_forces
         raise error
