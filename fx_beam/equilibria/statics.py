@@ -315,8 +315,8 @@ def static(
         or in which modes become unstable at no critical point, is halved; after steps with few
         iterations the length is doubled again. Where a stable path bends too sharply for all cuts,
         as at Euler's load of what is pushed together, rows along its arc length lead to the end of
-        the load step, if the load factor only rises there. An arc-length step changes the load factor by at
-        most 1/`load_steps`, and its turn is limited in proportion.
+        the load step, if the load factor only rises there. An arc-length step changes the load
+        factor by at most 1/`load_steps`, and its turn is limited in proportion.
     t : float
         Time at which functions of time are evaluated [s].
     continuation : {"arc-length"}, optional
