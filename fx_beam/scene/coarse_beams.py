@@ -10,18 +10,18 @@ from fx_beam.errors import SceneError, warn_once
 from .beam import Beam
 from .section import values_along
 
-# Relative change of a stiffness within an element that counts, and its part that is left only of a
+# Relative change of a quantity within an element that counts, and its part that is left only of a
 # jump after so many halvings of the element; distance of the first places to its ends.
 _CHANGE, _LEFT, _HALVINGS, _INSIDE = 0.02, 0.5, 16, 1e-6
-# Places in an element between which a stiffness is looked at first.
+# Places in an element between which a quantity is looked at first.
 _PLACES = np.array([_INSIDE, 0.25, 0.5, 0.75, 1 - _INSIDE])
 # Number of elements of degree 2 or 3 from which on two layers bend as one, with an error below 1 %.
 _LAYER_ELEMENTS = 16
 
 
 def warn_of_coarse_elements(beam: Beam) -> None:
-    """Warn of stiffnesses that jump inside an element, and of layers held at few places."""
-    for name in ("EA", "GA", "EI"):
+    """Warn of stiffness or mass that jumps in an element, and of layers held at few places."""
+    for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
         place = None
         if beam.section.varies(name):
             try:
@@ -31,8 +31,8 @@ def warn_of_coarse_elements(beam: Beam) -> None:
         if place is not None:
             warn_once(
                 f"beam {beam.name!r}: {name} jumps inside an element, near the fraction "
-                f"{place:.4g} of its length: deflections may be wrong by several per cent. Begin "
-                "a new beam there, or take elements that end there"
+                f"{place:.4g} of its length: deflections or frequencies may be wrong by several "
+                "per cent. Begin a new beam there, or take elements that end there"
             )
             return
     if beam.carriers and beam.degree > 1 and beam.elements < _LAYER_ELEMENTS:
@@ -44,11 +44,12 @@ def warn_of_coarse_elements(beam: Beam) -> None:
 
 
 def _jump(beam: Beam, name: str) -> float | None:
-    """The fraction of the length at which a stiffness jumps inside an element; None if nowhere."""
+    """The fraction of the length at which a quantity jumps inside an element; None if nowhere."""
     edges = floats(beam.s) / float(beam.length)
 
     def logs(places: np.ndarray) -> np.ndarray:
-        return np.log(floats(values_along(beam.section, name, places, None)))
+        values = floats(values_along(beam.section, name, places, None))
+        return np.log(np.maximum(values, np.finfo(float).tiny))  # masses may be zero
 
     places = edges[:-1, None] + np.diff(edges)[:, None] * _PLACES
     changes = abs(np.diff(values := logs(places), axis=1))

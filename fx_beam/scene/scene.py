@@ -1677,8 +1677,8 @@ def _added(parts: list, part: _Part) -> _Part:
 
 
 def _varies(section: Section) -> bool:
-    """Whether a stiffness varies along a beam."""
-    return any(section.varies(name) for name in ("EA", "GA", "EI"))
+    """Whether a stiffness or an inertia varies along a beam."""
+    return any(section.varies(name) for name in ("EA", "GA", "EI", "rhoA", "rhoI"))
 
 
 def _look_at_elements(beam: Beam) -> None:

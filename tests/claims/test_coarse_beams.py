@@ -34,6 +34,16 @@ def test_a_stiffness_that_jumps_inside_an_element_is_told(jump, degree, caplog):
     assert float(told) == pytest.approx(jump, abs=1e-3)
 
 
+@pytest.mark.parametrize("light", [0.0, 1.0])
+def test_a_mass_that_jumps_inside_an_element_is_told(light, caplog):
+    """A mass on the last 3 % of a cantilever: with two elements frequencies are 80 % off."""
+    scene = fb.Scene()
+    section = fb.Section(**STIFF, EI=10.0, rhoA=lambda f: light if f < 0.97 else 20.0)
+    scene.add_beam([(0, 0), (1, 0)], section, elements=2, degree=3)
+    (told,) = re.findall(r"rhoA jumps inside an element, near the fraction (\S+) of", caplog.text)
+    assert float(told) == pytest.approx(0.97, abs=1e-3)
+
+
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_a_new_beam_or_elements_that_end_at_the_jump_are_right(degree, caplog):
     assert tip(None, degree, 0.35, parts=True) == pytest.approx(1, abs=0.01)
