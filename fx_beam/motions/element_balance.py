@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.dual import dual_array, floats
 from fx_beam.errors import any_of
 from fx_beam.fem.loads import LoadedBeams, dead_loads
@@ -60,10 +61,15 @@ class ElementLoads:
 
     def inside(self, beam: str) -> list[Any]:
         """Loads inside elements of a beam."""
-        inner_loads: list[Any] = [
-            load for load in self._loads if isinstance(load.target, BeamPlace)
-        ]
-        return [load for load in inner_loads if load.target.beam.name == beam]
+        return self._inside.get(beam, [])
+
+    @cached_property
+    def _inside(self) -> dict[str, list[Any]]:
+        inside = dict[str, list[Any]]()
+        for load in self._loads:
+            if isinstance(load.target, BeamPlace):
+                inside.setdefault(load.target.beam.name, []).append(load)
+        return inside
 
 
 class ElementBalance:
@@ -168,7 +174,7 @@ class ElementBalance:
         """Section forces of a beam of the scene in some rows."""
         places, jumps = self.jumps(number)
         s, cells = self._loaded_beams.beams[number].s, self.model.mesh.cells[number]
-        return Balance(s, self.ends[rows][:, cells], places, jumps[rows])
+        return Balance(s, self.ends[:, cells][rows], places, jumps[rows])
 
     def jumps(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Arc lengths (m,) of loads inside elements of a beam, and jumps (n, m, 3) there."""

@@ -60,6 +60,7 @@ def solution_of(
     spring_rows = histories["spring_internal"] if model.points.width else None
     beams = zip(scene.beams, mesh.cells, strict=True)
     named_beams = {beam.name: (beam, cells) for beam, cells in beams}
+    numbers = {name: number for number, name in enumerate(named_beams)}
 
     means: list[np.ndarray] = []
 
@@ -98,7 +99,7 @@ def solution_of(
         return balances[0]
 
     def balance_of(name: str) -> Balance:
-        return balance().of_beam([*named_beams].index(name), rows)
+        return balance().of_beam(numbers[name], rows)
 
     constraints = None if scene_stays else constraints_of(scene)
 

@@ -191,12 +191,13 @@ def _members(drawing: Drawing) -> dict[str, object]:
         nodes.append(numbers)
         s.append(np.append(arc_lengths(beam, np.arange(pieces) / pieces), beam.length))
     middles = (np.arange(pieces) + 0.5) / pieces
+    fields = along_all(solution, _known(solution), drawing.rows, middles)
     return {
         "beams": [[name, beam.elements * pieces] for name, beam in beams.items()],
         "points": _points(drawing, np.concatenate(positions, axis=1)),
         "nodes": _text(np.concatenate(nodes).astype(np.int32)),
         "s": _text(np.concatenate(s).astype(np.float32)),
-        "quantities": [_quantity(drawing, name, middles) for name in _known(solution)],
+        "quantities": [_quantity(drawing, name, values) for name, values in fields.items()],
     }
 
 
@@ -213,8 +214,7 @@ def _known(solution: Solution) -> list[str]:
     return names + sorted({*itertools.chain(*solution.variables_of_beam.values())})
 
 
-def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, object]:
-    values = along_all(drawing.solution, name, drawing.rows, fractions)
+def _quantity(drawing: Drawing, name: str, values: np.ndarray) -> dict[str, object]:
     values = values.reshape(len(drawing.rows), -1)
     largest = float(abs(values).max()) or 1.0
     signed = is_signed(name)

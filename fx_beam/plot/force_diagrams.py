@@ -108,7 +108,8 @@ def diagrams(
 def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinness: float) -> None:
     """Draw one quantity along all members."""
     beams = drawing.solution.beams
-    values = along_all(drawing.solution, quantity, [row], np.linspace(0, 1, _PIECES + 1))[0]
+    places = np.linspace(0, 1, _PIECES + 1)
+    values = along_all(drawing.solution, [quantity], [row], places)[quantity][0]
     largest = float(abs(values).max())
     points = drawing.along_elements(row, _PIECES)
     side = left_of(np.gradient(points, axis=1)) * (-1 if quantity == "M" else 1)

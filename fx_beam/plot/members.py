@@ -93,7 +93,7 @@ class Members:
         require(is_one_of(quantity, names), "colour", quantity, expected)
         require(is_one_of(scale, _SCALES), "colour_scale", scale, "'linear' or 'log'")
         middles = (np.arange(self.pieces) + 0.5) / self.pieces
-        values = along_all(solution, quantity, drawing.rows, middles)
+        values = along_all(solution, [quantity], drawing.rows, middles)[quantity]
         rows = values.reshape(len(drawing.rows), -1)
         signed = is_signed(quantity)
         norm = _norm(values, signed, limits, scale == "log")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
-from dataclasses import replace
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
 
 from .records import BeamResultants
+from .section_forces import Balance
 from .stresses import largest_stress
 
 RESULTANTS = ("N", "Q", "M")
@@ -39,41 +39,69 @@ def _through(values: np.ndarray, points: np.ndarray) -> np.ndarray:
     return sum(values[..., k, None] * weight for k, weight in enumerate(weights))
 
 
-def along_all(solution, quantity: str, rows, points: np.ndarray) -> np.ndarray:
-    """Values (rows, elements, points) of a quantity or internal variable, at points in [0, 1].
+def along_all(
+    solution, quantities: Iterable[str], rows, points: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Values (rows, elements, points) of quantities or internal variables, at points in [0, 1].
 
-    The stress is the larger one of both edges.
     N, Q and M follow from the balance of elements, where that is known. Others, but for the speed,
-    are polynomials through the values at the Gauss points, and may jump.
+    are polynomials through the values at the Gauss points, and may jump. The stress is the larger
+    one of both edges.
     """
-    rows = list(rows)
-    if quantity in RESULTANTS:
-        with suppress(ValueError):  # the balance is not known
-            resultants = (in_rows(solution.resultants(name), rows) for name in solution.beams)
-            return np.concatenate([r.in_elements(quantity, points) for r in resultants], axis=1)
-    if quantity == "stress":
-        N, M = (along_all(solution, name, rows, points) for name in "NM")
-        end, values = 0, np.empty_like(N)
-        for beam in solution.beams.values():
-            cells = slice(end, end := end + beam.elements)
-            s = arc_lengths(beam, points)
-            forces = (force[:, cells].reshape(len(N), -1) for force in (N, M))
-            values[:, cells] = largest_stress(beam, s.ravel(), *forces).reshape(N[:, cells].shape)
-        return values
-    if quantity == "speed":
-        nodes = nodes_of_elements(solution)
-        values = lagrange(np.linspace(0, 1, nodes.shape[1]), points)
-        v = np.einsum("pn,renc->repc", values, solution.recorded("v")[rows][:, nodes, :2])
-        return np.hypot(v[..., 0], v[..., 1])
-    energies = quantity == "strain energy"
-    values = energy_density(solution, rows) if energies else _at_points(solution, quantity, rows)
-    return _through(values, points)
+    rows, fields = list(rows), dict[str, np.ndarray]()
+    if not {*RESULTANTS, "stress"}.isdisjoint(quantities := [*quantities]):
+        try:
+            balance, gauss = _as_one(solution, rows)
+        except ValueError:  # the balance is not known
+            known = {
+                name: _through(_at_points(solution, name, rows), points) for name in RESULTANTS
+            }
+        else:
+            known = dict(zip(RESULTANTS, balance.in_elements(gauss, points), strict=True))
+        fields = {name: known[name] for name in RESULTANTS if name in quantities}
+        if "stress" in quantities:
+            fields["stress"] = _stresses(solution, known["N"], known["M"], points)
+    for name in quantities:
+        if name == "speed":
+            nodes = nodes_of_elements(solution)
+            values = lagrange(np.linspace(0, 1, nodes.shape[1]), points)
+            v = np.einsum("pn,renc->repc", values, solution.recorded("v")[rows][:, nodes, :2])
+            fields[name] = np.hypot(v[..., 0], v[..., 1])
+        elif name not in fields:
+            is_energy = name == "strain energy"
+            values = (
+                energy_density(solution, rows) if is_energy else _at_points(solution, name, rows)
+            )
+            fields[name] = _through(values, points)
+    return {name: fields[name] for name in quantities}
+
+
+def _as_one(solution, rows: list[int]) -> tuple[Balance, np.ndarray]:
+    """The balance of all beams, as of one behind the other, and values at the Gauss points.
+
+    ValueError if it is not known.
+    """
+    resultants = [solution.resultants(name) for name in solution.beams]
+    balances = [beam_resultants.balanced() for beam_resultants in resultants]
+    parts = [np.stack([r.N[rows], r.Q[rows], r.M[rows]], axis=-1) for r in resultants]
+    balance = Balance.of_all([balance.in_rows(rows) for balance in balances])
+    return balance, np.concatenate(parts, axis=1)
+
+
+def _stresses(solution, N: np.ndarray, M: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Larger stresses of both edges, of N and M (rows, elements, points)."""
+    end, values = 0, np.empty_like(N)
+    for beam in solution.beams.values():
+        cells = slice(end, end := end + beam.elements)
+        s = arc_lengths(beam, points).ravel()
+        forces = (force[:, cells].reshape(len(N), -1) for force in (N, M))
+        values[:, cells] = largest_stress(beam, s, *forces).reshape(N[:, cells].shape)
+    return values
 
 
 def in_rows(resultants: BeamResultants, rows: list[int]) -> BeamResultants:
     """Resultants in some rows alone; ValueError if the balance of elements is not known."""
-    balance = resultants.balanced()
-    balance = replace(balance, ends=balance.ends[rows], jumps=balance.jumps[rows])
+    balance = resultants.balanced().in_rows(rows)
     N, Q, M = (getattr(resultants, name)[rows] for name in RESULTANTS)
     return BeamResultants(resultants.s, N, Q, M, balance)
 

@@ -148,7 +148,7 @@ def to_paraview(solution, path) -> None:
     internal = (name for variables in solution.variables_of_beam.values() for name in variables)
     rows, points = range(len(solution.t)), np.linspace(0.0, 1.0, nodes.shape[1])
     kinds = dict.fromkeys([*RESULTANTS, *internal])
-    fields = {kind: along_all(solution, kind, rows, points) for kind in kinds}
+    fields = along_all(solution, kinds, rows, points)
     # A static path may come to a load factor again: its rows are counted.
     times = solution.t if (np.diff(solution.t) > 0).all() else np.arange(len(solution.t))
     folder = path.with_suffix("")

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import is_one_of, real_array, require
 from fx_beam.scene.beam import gauss_rule, lagrange
+
+# Distance of places from a node, relative to the length of a beam, at which they are at it.
+_AT_NODE = 1e-9
 
 
 class SectionForces(NamedTuple):
@@ -44,10 +49,34 @@ class Balance:
     places: np.ndarray
     jumps: np.ndarray
 
+    @cached_property
+    def owners(self) -> np.ndarray:
+        """Elements (m,) that these act on: at a node that behind it, as of `BeamPlace.element`."""
+        places = self.places + _AT_NODE * self.s[-1]
+        return np.clip(np.searchsorted(self.s, places, "right") - 1, 0, len(self.s) - 2)
+
+    @classmethod
+    def of_all(cls, balances: Sequence[Balance]) -> Balance:
+        """The balance of several beams, as of one behind the other."""
+        s = np.cumsum(np.concatenate([[0.0], *(np.diff(balance.s) for balance in balances)]))
+        parts = ([getattr(b, name) for b in balances] for name in ("ends", "jumps"))
+        ends, jumps = (np.concatenate(part, axis=1) for part in parts)
+        first = np.cumsum([0, *(len(balance.s) - 1 for balance in balances)])
+        pairs = [*zip(balances, first, strict=False)]
+        owners = np.concatenate([balance.owners + k for balance, k in pairs])
+        inside = np.concatenate([b.places - b.s[b.owners] for b in balances])
+        whole = cls(s, ends, s[owners] + inside, jumps)
+        vars(whole)["owners"] = owners  # in many beams a tolerance would be too large
+        return whole
+
+    def in_rows(self, rows: list[int]) -> Balance:
+        """The balance in some rows."""
+        return replace(self, ends=self.ends[rows], jumps=self.jumps[rows])
+
     def at(self, gauss: np.ndarray, s, side: str) -> SectionForces:
         """Section forces at arc lengths s, by values (rows, points, 3) at the Gauss points."""
         places, length = np.atleast_1d(real_array(s)), self.s[-1]
-        tolerance = 1e-9 * length
+        tolerance = _AT_NODE * length
         is_on_beam = (places > -tolerance) & (places < length + tolerance)
         expected = f"arc lengths from 0 to the length of the beam, {length:g}"
         require(places.ndim == 1 and bool(is_on_beam.all()), "at: s", s, expected)
@@ -70,7 +99,7 @@ class Balance:
         degree = gauss.shape[1] // count
         gauss_values = gauss.reshape(len(gauss), count, degree, 3)
         change = self.ends[:, :, 1, 1] - self.ends[:, :, 0, 1]
-        owners = np.clip(np.searchsorted(self.s, self.places, "right") - 1, 0, count - 1)
+        owners = self.owners
         for owner, jump in zip(owners, self.jumps[..., 1].T, strict=True):
             change[:, owner] -= jump
         start, end = self.ends[:, element].swapaxes(0, 2)  # (n, rows, 3) each

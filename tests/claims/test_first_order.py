@@ -80,7 +80,9 @@ def test_a_frame_has_the_displacements_and_forces_of_its_stiffness_matrix(factor
     for k in (0, 4):
         computed = solution.reaction(beams.nodes[k])[-1] / factor
         assert computed == pytest.approx(reactions[k], abs=1e-8 * abs(reactions).max())
-    N, Q, M = (along_all(solution, name, [1], np.array([0.0, 1.0]))[0] for name in "NQM")
+    N, Q, M = (
+        values[0] for values in along_all(solution, "NQM", [1], np.array([0.0, 1.0])).values()
+    )
     for member, (n1, q1, m1, n2, q2, m2) in enumerate(ends):
         first, last = 2 * member, 2 * member + 1
         size = 1e-8 * abs(ends).max()

@@ -242,3 +242,35 @@ def test_a_scene_that_has_changed_since_does_not_change_them():
         values.append(solution.resultants(beam).at([0.0, 0.7]).M)
     assert (values[0] == values[1]).all()
     assert abs(values[0]).max() > 1
+
+
+@pytest.mark.parametrize(("length", "elements"), [(3.0, 10), (0.9, 3), (0.7, 7)])
+def test_a_force_at_a_node_but_for_round_off_is_at_this_node(length, elements):
+    """M = -P (a - s) up to the force: 0.3 is not the third of ten equal parts of 3 m in binary."""
+    section = fb.Section(EA=1e6, GA=1e6, EI=1e3)
+    s = np.linspace(0, length, 61)[1:-1] + 1e-4
+    for k in range(1, elements):
+        place = round(k * length / elements, 12)
+        scene, beam = clamped_bar((length, 0), section, elements)
+        scene.add_force(beam.at(place), (0, -10.0))
+        moments = fb.static(scene, linear=True).resultants(beam).at(s).M[-1]
+        np.testing.assert_allclose(moments, -10 * np.maximum(place - s, 0), atol=1e-6)
+
+
+def test_fields_of_all_members_are_those_of_each():
+    from fx_beam.results.fields import along_all, in_rows
+
+    scene = fb.Scene()
+    section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0)
+    points = [(0, 0), (3, 0), (3, 2), (0, 2)]
+    beams = scene.add_mesh(points, [(0, 1), (1, 2), (2, 3), (3, 0)], section, elements=10)
+    scene.clamp(beams.nodes[0])
+    scene.add_force(beams[0].at(0.3), (1.0, -10.0))
+    scene.add_force(beams[1].at(0.77), (0.0, -3.0))
+    scene.add_line_load(beams[2], (0.0, -2.0))
+    solution, places = fb.simulate(scene, dt=1e-3, t_end=3e-3), np.array([0.0, 0.4, 1.0])
+    fields = along_all(solution, "NQM", [1, 3], places)
+    for name, values in fields.items():
+        each = [in_rows(solution.resultants(beam), [1, 3]) for beam in beams]
+        expected = np.concatenate([part.in_elements(name, places) for part in each], axis=1)
+        np.testing.assert_allclose(values, expected, atol=1e-12 * abs(expected).max())

@@ -192,7 +192,7 @@ def test_shapes_have_the_colours_of_the_larger_stress(tmp_path):
     section = fb.Section.tee(0.2, 0.1, 0.008, 0.011, **STEEL)
     scene, beam = clamped_bar((2.0, 0), section, 4, load=(5e3, -1e3))
     solution = fb.static(scene, load_steps=1)
-    values = along_all(solution, "stress", [0, 1], np.array([0.25, 0.75]))
+    values = along_all(solution, ["stress"], [0, 1], np.array([0.25, 0.75]))["stress"]
     places = (beam.s[:-1, None] + 0.5 * np.array([0.25, 0.75])).ravel()
     np.testing.assert_allclose(values[1].ravel(), solution.stress(beam).at(places).largest[1])
     fb.plot.shapes(solution, tmp_path / "stress.png", colour="stress")

@@ -50,7 +50,7 @@ def test_an_own_stored_energy_is_evaluated_along_the_members():
     for section in (FLYING, own):
         scene, arm = clamped_bar((1, 0), section, 3, name="arm", gravity=(0.0, -9.81))
         solution = fb.simulate(scene, dt=0.02, t_end=0.1)
-        values.append(along_all(solution, "strain energy", [5], np.array([0.5])))
+        values.append(along_all(solution, ["strain energy"], [5], np.array([0.5]))["strain energy"])
     assert values[0] == pytest.approx(values[1], rel=1e-6)
 
 
@@ -58,11 +58,11 @@ def test_an_own_stored_energy_is_evaluated_along_the_members():
 def test_fields_pass_through_the_nodes_and_the_gauss_points(degree):
     solution, rows = fall(degree), range(11)
     leg = slice(4, None)  # its elements follow those of the arm
-    ends = along_all(solution, "speed", rows, np.array([0.0, 1.0]))[:, leg]
+    ends = along_all(solution, ["speed"], rows, np.array([0.0, 1.0]))["speed"][:, leg]
     tip = np.hypot(*solution.velocity(solution.beams["leg"].end).T)
     assert ends[:, -1, 1] == pytest.approx(tip, abs=1e-14)
     gauss = (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2
-    computed = along_all(solution, "M", rows, gauss)[:, leg].reshape(11, -1)
+    computed = along_all(solution, ["M"], rows, gauss)["M"][:, leg].reshape(11, -1)
     resultants = solution.resultants("leg")
     # In the middle of an element of degree 1 lies the top of a parabola.
     own = resultants.M if degree > 1 else resultants.at(resultants.s).M
@@ -72,7 +72,7 @@ def test_fields_pass_through_the_nodes_and_the_gauss_points(degree):
 def test_the_energy_along_members_of_a_saved_solution_is_refused(tmp_path):
     fall().save(tmp_path / "run.npz")
     with pytest.raises(ValueError, match="needs its section, which a saved file does not hold"):
-        along_all(fb.load(tmp_path / "run.npz"), "strain energy", [0], np.array([0.5]))
+        along_all(fb.load(tmp_path / "run.npz"), ["strain energy"], [0], np.array([0.5]))
 
 
 # -- ParaView ----------------------------------------------------------------------------------
