@@ -154,14 +154,14 @@ class Linearisation:
         """
         if not (damped and self.may_be_damped):
             return self.coriolis
-        model = self.damped_model
-        model.forms.set_load(self.factor)
-        equations, tangents, start = Equations(model, inert=False), [], self.start
+        model, tangents, start = self.damped_model, [], self.start
+        equations = Equations(model, inert=False)
+        equations.set_load(self.factor)
         for dt in (INSTANT, 2 * INSTANT):
             equations.begin(instant(start.t, dt), start)
             equations.at_start(np.zeros(model.size))
             tangents.append(equations.extended())
-        model.forms.set_load(1.0)
+        equations.set_load(1.0)
         short, long = (tangent.system for tangent in tangents)
         system = (2 * INSTANT * (short - long)).tocsr()
         check_damping(system.data, f"{caller}: the damping at rest")

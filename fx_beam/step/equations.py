@@ -67,10 +67,17 @@ class Equations:
             D=n, z=columns, r=n, tangent=p.tables.tangent.stored, f=n, reduced=columns
         )
         self._force, _, self._strains = problem.given()
-        self._balance = Balance(D, f, r, residual)
+        #: The last balance.
+        self.balance = Balance(D, f, r, residual)
 
     def _of(self, values: np.ndarray):
         return self._problem.ffi.from_buffer(self._doubles, np.ascontiguousarray(values))
+
+    def set_load(self, factor: float) -> None:
+        """Set the load factor of external forces in steps of a motion; 1 at first."""
+        self.model.forms.set_load(factor)
+        if (tables := self._problem.tables) is not None:
+            tables.set_load(factor)
 
     def begin(self, interval: Interval, start: State) -> None:
         """Set the interval of a step and the state at its start."""
@@ -108,9 +115,9 @@ class Equations:
         reduction.increment(y, driven)
         self._z[:], self._force[:] = reduction.in_columns(y, driven), force
         if not self._library.fx_balance(self._c, self._length):
-            self._balance.D[:] = np.nan
+            self.balance.D[:] = np.nan
         y[:] = self._z[: len(y)]
-        return self._balance
+        return self.balance
 
     def at_start(self, force: np.ndarray) -> Balance:
         """Evaluate at the start of the step: the increment is zero."""

@@ -172,11 +172,15 @@ class FormTables:
         if coordinates is not None:
             self._coordinates_of_cells = coordinates  # also of forms that are added later
             self.move(coordinates)
-        for factor in self._factors:
-            factor[...] = 1.0
+        self.set_load(1.0)
         flat = {name: floats(values).ravel() for name, values in numbers.items()}
         for data in self._data:
             data.set_numbers(flat)
+
+    def set_load(self, factor: float) -> None:
+        """Set the load factor of virtual works in steps of a motion."""
+        for value in self._factors:
+            value[...] = factor
 
     def all(self, names: Container[str]) -> dict[str, dict]:
         """The wanted ones of `FORMS` that the model has, by their names in C."""

@@ -488,6 +488,29 @@ def test_at_a_critical_point_forces_that_follow_have_their_load_factor():
     assert lowest[1] < 1e-2 and lowest[2] > 10
 
 
+def test_at_a_critical_point_added_works_damp_with_their_load_factor():
+    """In modes and linear systems, as works that have this factor at all loads."""
+
+    def pushed(factor):
+        made = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-4)
+        scene, _ = clamped_bar((0, 1), made, elements=4, degree=2)
+
+        def work(step):
+            push = 20 * ufl.dot(step.u, step.virtual_u) - 3 * ufl.dot(step.v, step.virtual_u)
+            return (step.load_factor if factor is None else factor) * push
+
+        scene.add_virtual_work(work)
+        return scene
+
+    scene = pushed(None)
+    point = fb.static(scene, load_steps=4).critical_points[0]
+    assert 0.3 < point.load_factor < 0.9
+    expected = fb.modes(pushed(point.load_factor), n=4).eigenvalues[1:]
+    assert (expected.real < -0.1).all()
+    assert fb.modes(scene, point.solution, n=4).eigenvalues[1:] == pytest.approx(expected, rel=1e-6)
+    assert_has_eigenvalues(fb.linearise(scene, point.solution).A, expected, 1e-6)
+
+
 def test_a_long_chain_of_elements_has_the_frequencies_of_its_modes():
     # Its mass and stiffness have few entries; without inputs, outputs and motors.
     scene, beam = clamped_bar((1, 0), section(retardation=0.0), elements=300)
