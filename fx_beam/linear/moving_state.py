@@ -55,7 +55,7 @@ _NO_DAMPING = 1e-13
 # Increment between the points of differences of order six, in units of the scene, or of the
 # shortest element if nodes slide; the least one, near ends of elements on which nodes slide.
 # Weights of these differences.
-_APART, _LEAST_APART = 0.02, 1e-4
+_APART, _LEAST_APART = 0.01, 1e-4
 _FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
 # Half of the time over which a natural strain is seen to change, relative to the last step of the
 # motion, and at least relative to the time; at the time zero before the first step [s]. The largest
