@@ -70,7 +70,8 @@ class StepForm:
         written = WeakForm(kind, DolfinxSymbols(grid, grid.tagged(grid.beams.data.tags)))
         state = before.fields.state if before else None
         self.fields: StepFields = StepFields(written, model, grid, state)
-        # Symbols of the forms before, which steps no longer set.
+        # What was checked, which takes a while, and symbols that steps no longer set.
+        self._checked: set[Expr | ufl.Form] = set()
         self._dead: set[Expr] = before._dead | {*before.fields.named} if before else set()
         forms = written.step_forms().forms
         names = [name for name in ("internal forces", "drag") if name in forms]
@@ -169,8 +170,8 @@ class StepForm:
 
     def check(self, name: str, *parts: Expr | ufl.Form) -> None:
         """Refuse symbols of another mesh, of a form before, and symbols without values."""
-        mesh = self.grid.mesh.ufl_domain()
-        for symbol in (terminal for part in parts for terminal in terminals(part)):
+        mesh, unknown = self.grid.mesh.ufl_domain(), set(parts) - self._checked
+        for symbol in (terminal for part in unknown for terminal in terminals(part)):
             domains = ufl.domain.extract_domains(symbol)
             if any(domain.ufl_id() != mesh.ufl_id() for domain in domains):
                 raise SceneError(
@@ -188,6 +189,7 @@ class StepForm:
                     f"fenicsx: {name}: {symbol} has no values. Use Function and Constant of "
                     "dolfinx.fem"
                 )
+        self._checked |= unknown
 
     def strain_energy(self) -> float:
         """Stored energy of beams [J] at the end of the step; nan where it is not known."""
