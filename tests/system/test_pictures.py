@@ -730,7 +730,11 @@ def test_a_motion_too_small_to_be_seen_is_said_with_a_factor(caplog):
         ("shapes", {"path": "nowhere/shapes.png"}, "make the folder nowhere first"),
         ("shapes", {"magnify": 0}, "magnify = 0 must be a positive number"),
         ("shapes", {"thickness": -1}, "thickness = -1 must be a positive factor"),
-        ("shapes", {"colour": "T"}, "colour = 'T' must be one of 'N', 'Q', 'M', 'stress', 'strain en"),
+        (
+            "shapes",
+            {"colour": "T"},
+            "colour = 'T' must be one of 'N', 'Q', 'M', 'stress', 'strain en",
+        ),
         ("shapes", {"colour_limits": (1, 1)}, "colour_limits = (1, 1) must be two finite numbers"),
         ("shapes", {"colour_limits": 3}, "colour_limits = 3 must be two finite numbers"),
         ("shapes", {"colour_limits": (0, 1), "colour_scale": "log"}, "both positive, on a log"),
