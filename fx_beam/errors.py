@@ -54,11 +54,12 @@ class Failure:
         What happened: "no convergence" of Newton's method, "singular" tangent, "large rotation" in
         one step, "off the end" for a node that runs off the beam on which it slides, "large slide"
         for one that passes more than two ends of elements in one step, "members" for a point that
-        passes through a member it touches, or moves too far in one step, "damping" for a step of
-        order 4 in which it gives energy, "off the path" for a load step that ends on another
-        equilibrium path, "function" for a function of the user's that fails or is not finite,
-        "interrupted" by Ctrl-C or another exception, "too many steps", "too short" for steps far
-        shorter than a motion needs, or "not converged" for a quantity of `converge`.
+        passes through a member it touches, or moves too far in one step, "off the pulley" for a
+        rope that pulls beside it, "damping" for a step of order 4 in which it gives energy,
+        "off the path" for a load step that ends on another equilibrium path, "function" for a
+        function of the user's that fails or is not finite, "interrupted" by Ctrl-C or another
+        exception, "too many steps", "too short" for steps far shorter than a motion needs, or "not
+        converged" for a quantity of `converge`.
     reason : str
         One sentence.
     time : float

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import as_float, is_number, warn_once
+from fx_beam.errors import Failure, StepError, as_float, is_number, warn_once
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Circle, Contact, arc_of, nearest
@@ -38,6 +38,8 @@ _STEPS, _OF_LOSS, _FAST = 10, 6.0, 10.0
 _PLASTIC, _STIFFER, _STUCK, _ALONG = 0.1, 30.0, 0.98, 0.05
 # Part of the largest motion in a step towards a contact, below which one is no impact.
 _OF_FASTEST = 1e-2
+# Arc of a rope on a pulley, below zero, at which it has left it [rad].
+_LIFTED = 1e-6
 # Both half thicknesses, relative to the radius of curvature, from which bends are sharp.
 _SHARP = 0.95
 # Nodes of all rows that are looked at together.
@@ -50,7 +52,7 @@ _BENT, _ROWS = 0.5, 16
 def warn_of_places(
     solution: Solution, joints: Sequence[Joint] = (), lines: Sequence[ForceBetween] = ()
 ) -> None:
-    """Warn of contact where its forces say little."""
+    """Warn of contact where its forces say little; StepError for ropes that leave pulleys."""
     _warn_of_depth(solution)
     _warn_of_bumps(solution)
     has_all_steps = len(solution.t) == solution.stats.steps + 1 > 2
@@ -61,20 +63,25 @@ def warn_of_places(
     warn_of_sharp_bends(solution)
     for line in lines:
         if line.kinds:
-            _warn_of_lifted(solution, line)
+            _check_on_pulleys(solution, line)
 
 
-def _warn_of_lifted(solution: Solution, rope: ForceBetween) -> None:
-    """Warn of a rope that leaves a pulley."""
-    wrap = solution.joint(rope).wrap[:, 1:-1]
-    if wrap.size and wrap.min() < -1e-6:
-        k, i = np.unravel_index(np.argmax(wrap < -1e-6), wrap.shape)
-        row_text = f"{'load factor' if solution.stats.static else 't ='} {solution.t[k]:.4g}"
-        warn_once(
-            f"{rope}: the rope leaves the pulley at point {i + 1} at {row_text}, where it would "
-            "run straight on: from there on its length is not right. End the motion there by "
-            "`until`, and go on with a rope without this pulley"
-        )
+def _check_on_pulleys(solution: Solution, rope: ForceBetween) -> None:
+    """StepError where a rope has left a pulley and pulls; slack ones are slack there too."""
+    motion = solution.joint(rope)
+    lifted = motion.wrap[:, 1:-1] < -_LIFTED
+    pulls = motion.force != 0 if len(solution.line_forces) else np.ones(len(lifted), bool)
+    bad = lifted & pulls[:, None]
+    if not bad.any():
+        return
+    k, i = np.unravel_index(np.argmax(bad), bad.shape)
+    row_text = f"{'load factor' if solution.stats.static else 't ='} {solution.t[k]:.4g}"
+    reason = (
+        f"{rope}: the rope leaves the pulley at point {i + 1} at {row_text}, where it would run "
+        "straight on. From there on its length, and the rows of error.solution, are not right"
+    )
+    advice = "End the run there by `until`, and go on with a rope without this pulley"
+    raise StepError(Failure("off the pulley", reason, float(solution.t[k]), "", advice))
 
 
 def warn_of_long_elements(solution: Solution, t: np.ndarray, q: np.ndarray) -> None:

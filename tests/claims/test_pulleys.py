@@ -269,12 +269,31 @@ def test_a_drum_on_a_rope_is_a_torsion_spring_in_every_analysis():
 # -- What a rope cannot do -------------------------------------------------------------------------
 
 
-def test_a_rope_that_leaves_its_pulley_is_named(caplog):
+def lifted(**length):
     scene, ball = held_body((2, 0.0), 1.0, 0.0, "rotation")
-    scene.add_rope([(0, 0), fb.Pulley((1, -0.1), 0.2, "right"), ball], fb.Spring(1.0, rest=2.0))
+    points = [(0, 0), fb.Pulley((1, -0.1), 0.2, "right"), ball]
+    rope = scene.add_rope(points, **length)
     scene.set_velocity(ball, (0.0, 1.0))
-    fb.simulate(scene, dt=0.01, t_end=1.0)
-    assert "leaves the pulley at point 1 at t = 0.2" in caplog.text
+    return scene, rope
+
+
+def test_a_rope_that_leaves_its_pulley_and_pulls_ends_the_motion_with_a_sentence():
+    scene, rope = lifted(spring=fb.Spring(1.0, rest=2.0))
+    with pytest.raises(fb.StepError, match="leaves the pulley at point 1 at t = 0.2") as failed:
+        fb.simulate(scene, dt=0.01, t_end=1.0)
+    assert failed.value.failure.kind == "off the pulley"
+    wrap = failed.value.solution.joint(rope).wrap[:, 1]
+    first = np.argmax(wrap < 0)
+    assert failed.value.time == pytest.approx(0.01 * first)
+    scene.add_force(scene.nodes[0], (0.0, 5.0))
+    with pytest.raises(fb.StepError, match="leaves the pulley"):
+        fb.static(scene)
+
+
+def test_a_slack_rope_may_leave_its_pulley():
+    scene, rope = lifted(spring=fb.Spring(1.0), length=4.0)
+    motion = fb.simulate(scene, dt=0.01, t_end=0.5).joint(rope)
+    assert motion.wrap[:, 1].min() < 0 and not motion.force.any()
 
 
 def test_what_is_no_pulley_is_refused():
