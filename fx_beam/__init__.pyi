@@ -42,6 +42,11 @@ from .orbits.periodic_search import (
     periodic as periodic,
 )
 from .results.buckling_modes import BucklingModes as BucklingModes
+from .results.envelopes import (
+    BeamEnvelope as BeamEnvelope,
+    Envelope as Envelope,
+    envelope as envelope,
+)
 from .results.joint_and_contact_motion import (
     ContactMotion as ContactMotion,
     GearMotion as GearMotion,

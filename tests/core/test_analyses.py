@@ -75,6 +75,34 @@ def test_static_rolls_a_beam_up_as_exact():
     assert fb.Equilibrium().rates == fb.AtRest()
 
 
+def test_an_envelope_has_the_extremes_and_the_cases_that_give_them():
+    """A cantilever under P at its end, up and down: M = -P (L - s), P (L - s)."""
+    scene, beam = clamped_bar((2, 0), fb.Section(EA=1e8, GA=1e8, EI=1e6), 4)
+    cases = []
+    for force in (3.0, -1.0):
+        load = scene.add_force(beam.end, (0.0, force))
+        cases.append(fb.static(scene, linear=True))
+        scene.remove(load)
+    along = fb.envelope(cases, beam, s=[0.0, 1.0])
+    assert isinstance(along, fb.BeamEnvelope) and isinstance(along.M, fb.Envelope)
+    assert along.M.largest == pytest.approx([6.0, 3.0])
+    assert along.M.least == pytest.approx([-2.0, -1.0])
+    assert along.M.largest_by.tolist() == [0, 0] and along.M.least_by.tolist() == [1, 1]
+    by_name = fb.envelope(cases, beam.name).Q
+    assert by_name.largest == pytest.approx(3 * np.ones(101))
+    assert by_name.largest_by.tolist() == [0] * 101
+    tip = fb.envelope(cases, fb.Output("displacement", beam.end))
+    exact = 8 / 3e6 + 2 / 1e8
+    assert tip.largest[1] == pytest.approx(3 * exact, rel=2e-2)
+    assert (tip.least_by[1], tip.largest_by[1]) == (1, 0)
+    for cases_or_none, part, words in (
+        ([], beam, "one or more"),
+        (cases, "no beam", "no beam of these"),
+        (cases, 3, "Output or a beam"),
+    ):
+        assert_refused(words, fb.envelope, cases_or_none, part)
+
+
 def test_effective_masses_of_a_cantilever_are_those_of_its_closed_form():
     """Of a slender uniform cantilever: 0.6131, 0.1883, 0.0647 (Clough & Penzien, Dynamics)."""
     scene, beam = clamped_bar((0, 1), fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=1.0), 64)
