@@ -12,15 +12,13 @@ import scipy.linalg
 import scipy.sparse.linalg
 
 from fx_beam.errors import SceneError, is_whole, require
-from fx_beam.fem.point_values import AN_INSTANT, PointValues
-from fx_beam.laws.interval import StepBatch
 from fx_beam.motions.initial_state import end_of
 from fx_beam.motions.motion import Motion
 from fx_beam.motions.options import check_scene
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
-from fx_beam.scene.inputs import InputSignal, check_names, values_of, widths
+from fx_beam.scene.inputs import InputSignal, check_names, widths
 from fx_beam.scene.measured import Measured
 from fx_beam.scene.outputs import (
     OF_JOINTS,
@@ -32,10 +30,10 @@ from fx_beam.scene.outputs import (
 )
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
-from fx_beam.step.recorded_histories import driven_of
 
 from .linearisation import output_rows, sized, split
 from .moving_state import Deviations, deviations, forces_inside
+from .state_projection import Reading
 
 # Round-off of the jump of a rate with an input, relative to the outputs.
 _NONE = 1e-12
@@ -109,59 +107,6 @@ def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
             force[dof_x] += c * x - s * y
             force[dof_y] += s * x + c * y
     return force
-
-
-class Reading:
-    """Reads deviations of a motion from a state; it holds arrays alone, and no model.
-
-    `driven` inputs are numbers and factors of their first motions; inputs `straining` a material
-    are their numbers, places in all inputs, and values in the state.
-    """
-
-    def __init__(
-        self,
-        about: Deviations,
-        driven: Sequence[tuple[int, float]],
-        straining: Sequence[tuple[int, int, float]],
-        count: int,
-    ):
-        model, state = about.model, about.state
-        self._q, self._slides, self._t = state.q, state.slides, state.t
-        self._frame, self._factor = about.frame, about.factor
-        self._T, self._dT, self._rates = about.T, about.dT, about.rates
-        self._rates_from = about.rates_from
-        self._widths = dict(about.held.widths)
-        self._driven, self._straining, self._count = driven, straining, count
-        D, slides = np.split(np.eye(model.size + len(self._slides)), [model.size], axis=1)
-        unknowns = model.couplings.unknowns(D, slides)[:, about.unknowns]
-        self._free = len(about.unknowns)
-        #: What is read of displacements and slides: unknowns, then driven motions.
-        self._read = np.hstack([unknowns, driven_of(model, D, slides)]).T
-
-    def read(
-        self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, end: State
-    ) -> tuple[np.ndarray, ...]:
-        """Unknowns y, y', positions p, p' of driven inputs, and inputs u that strain.
-
-        For displacements q (nodes, 3), rates v, slides (joints,), and a state with its time [s]
-        and inputs.
-        """
-        if q.size != self._q.size or len(slides) != len(self._slides):
-            raise SceneError("deviation: the motion is one of another scene")
-        q, v = q.reshape(-1), v.reshape(-1)
-        if self._frame is not None:
-            q, v = self._frame.seen(q, v, self._factor, end.t - self._t)
-        z = self._read @ np.concatenate([q - self._q, slides - self._slides])
-        rates = self._rates_from @ (v - self._T @ self._rates - self._dT @ z)
-        p, dp = (
-            np.array([values[self._free + number] / factor for number, factor in self._driven])
-            for values in (z, rates)
-        )
-        u = np.zeros(self._count)
-        if (inputs := values_of(end, self._widths)) is not None:
-            for number, place, value in self._straining:
-                u[number] = inputs[place] - value
-        return z[: self._free], rates[: self._free], p, dp, u
 
 
 class FirstOrder:
@@ -544,64 +489,45 @@ def linearise(
 
 
 def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[str], caller: str):
-    """Matrices Y, Y' (k, columns), E (k, m) of outputs Y z + Y' z' + E u, and their names.
-
-    Places are T z, and rates T z' + T' z.
-    """
-    T, S, dT, dS = about.T, about.S, about.dT, about.dS
-    parts: list[dict[str, Any]] = [
-        {"q": T, "v": dT, "slides": S, "rates of slides": dS},
-        {"v": T, "rates of slides": S},
-        {"parameters": scipy.sparse.csr_matrix(_parameters_by_inputs(about, inputs))},
-    ]
-    rows, labels = [[np.zeros((0, next(iter(x.values())).shape[1]))] for x in parts], list[str]()
+    """Matrices Y, Y' (k, columns), E (k, m) of outputs Y z + Y' z' + E u, and their names."""
+    row_pairs, labels = [np.empty((2, 0, about.T.shape[1]))], list[str]()
+    direct = [np.empty((0, sum(about.held.widths[name] for name in inputs)))]
     for name, output in outputs.items():
         check_differentiable(output, f"{caller}: output {name!r}")
         measured = Measured(output)
-        if not measured.law_quantity and output.quantity not in _LINEAR:
+        law = measured.law_quantity
+        if not law and output.quantity not in _LINEAR:
             raise SceneError(
                 f"{caller}: output {name!r} is a {output.quantity}; only {', '.join(_LINEAR)} are "
                 "linearised"
             )
-        slopes = _slopes(about, measured)
-        for matrices, part_rows in zip(parts, rows, strict=True):
-            part_rows.append(output_rows(about.model, measured, matrices, slopes))
+        line: Any = output.of
+        if law:
+            from .line_rows import line_rows
+
+            *state_rows, input_rows = line_rows(about, line.number, law, inputs)
+            row_pairs.append(np.array(state_rows)[:, None])
+            direct.append(input_rows[None])
+        else:
+            row_pairs.append(np.array(_rows(about, measured)))
+            direct.append(np.zeros((row_pairs[-1].shape[1], direct[0].shape[1])))
         components = output.components
         labels += [f"{name}.{part}" for part in components] if components else [name]
-    return *map(np.concatenate, rows), labels
+    return *np.concatenate(row_pairs, axis=1), np.concatenate(direct), labels
 
 
-def _slopes(about: Deviations, measured: Measured) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Derivatives of an output by entries of arrays; those of lines by their own laws."""
-    model, state, rates = about.model, about.state, about.T @ about.rates
-    if measured.sliding:
-        return [("rates of slides", np.array([measured.place.number]), np.ones((1, 1, 1)))]
-    if not (quantity := measured.law_quantity):
-        arrays = {"q": state.q, "v": rates, "slides": state.slides, "X": model.mesh.X.ravel()}
-        return [*measured.slopes(lambda array, entries: arrays[array][entries])]
-    step = StepBatch.single(
-        state.t,
-        1.0,
-        q=state.q,
-        v=rates,
-        parameters=model.forms.parameters.at(state.t),
-        spring_internal=state.spring_internal,
-        load_factor=np.array(about.factor),
+def _rows(about: Deviations, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
+    """Rows by z and by z': places are T z, and rates T z' + T' z."""
+    state, T, S, dT, dS = about.state, about.T, about.S, about.dT, about.dS
+    rates = about.T @ about.rates
+    arrays = {"q": state.q, "v": rates, "slides": state.slides, "X": about.model.mesh.X.ravel()}
+
+    def read(array: str, entries: np.ndarray) -> np.ndarray:
+        return arrays[array][entries]
+
+    by_place = {"q": T, "v": dT, "slides": S, "rates of slides": dS}
+    by_rate = {"v": T, "rates of slides": S}
+    moved, moving = (
+        output_rows(about.model, measured, matrices, read) for matrices in (by_place, by_rate)
     )
-    rule = AN_INSTANT if quantity == "pull" else None
-    return [*PointValues(model.points, quantity, measured.place.number, rule).slopes(step)]
-
-
-def _parameters_by_inputs(about: Deviations, names: Sequence[str]) -> np.ndarray:
-    """Changes (parameters, m) of parameters with inputs, in which they are linear."""
-    inputs, parameters, columns = about.held, about.model.forms.parameters, list[np.ndarray]()
-
-    def changed(name: str, value: np.ndarray) -> np.ndarray:
-        inputs.set({name: value})
-        inputs.arrive()
-        return parameters.at(about.state.t)
-
-    for name in names:
-        value = inputs.values[name]
-        columns += [changed(name, value + u) - changed(name, value) for u in np.eye(len(value))]
-    return np.reshape(columns, (len(columns), len(parameters))).T
+    return moved, moving

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -24,7 +24,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.inputs import values_of, widths, with_values
-from fx_beam.scene.measured import Measured
+from fx_beam.scene.measured import Measured, Read, Slope
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
@@ -218,7 +218,7 @@ def check_finite(stiffness: np.ndarray, forces: np.ndarray, caller: str) -> None
 
 def check_unknowns(model: Model, caller: str) -> None:
     """Refuse a scene in which nothing can move."""
-    if len(model.reduction.independent) == model.couplings.released:
+    if not len(model.reduction.independent):
         raise SceneError(
             f"{caller}: the scene has no unknowns: supports, joints and motors fix all degrees of "
             "freedom. Release one of them"
@@ -262,15 +262,18 @@ def output_rows(
     model: Model,
     measured: Measured,
     matrices: Mapping[str, scipy.sparse.csr_matrix],
-    slopes: Iterable[tuple[str, np.ndarray, np.ndarray]] | None = None,
+    read: Read | None = None,
 ) -> np.ndarray:
     """Rows (components, n) of an output for changes of arrays: a matrix by the name of each.
 
-    That of the slides has the columns of the model. Other arrays stay, and so do all numbers. With
-    its `slopes`, if they are not the same in every state.
+    That of the slides has the columns of the model. Other arrays stay, and so do all numbers.
     """
+    if measured.sliding:
+        slopes = [Slope("rates of slides", np.array([measured.place.number]), np.ones((1, 1, 1)))]
+    else:
+        slopes = [*measured.slopes(read)]
     rows = np.zeros((*(measured.shape or (1,)), next(iter(matrices.values())).shape[1]))
-    for array, entries, values in measured.slopes() if slopes is None else slopes:
+    for array, entries, values in slopes:
         if (matrix := matrices.get(array)) is not None:
             if "slides" in array:
                 entries = np.array([model.couplings.slides[number] for number in entries.tolist()])

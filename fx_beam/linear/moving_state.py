@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -22,12 +20,11 @@ from fx_beam.scene.inputs import InputSignal
 from fx_beam.scene.loads import damping_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import acceleration_of
-from fx_beam.step.equations import Balance, Equations
 from fx_beam.step.fitted_rates import rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.model import Model
-from fx_beam.step.state_values import added_force
+from fx_beam.step.state_values import slide_rates, start_of
 from fx_beam.step.turning_frame import TurningFrame
 
 from .linearisation import (
@@ -47,15 +44,16 @@ _RIGID = 1e-2
 # Weight of rates without mass, relative to the largest.
 _LITTLE = 1e-10
 # Change of an input, relative to it, or of strains by it. Increment, in units of the scene, in the
-# steps that give the stiffness of a moving state: in a smaller one damping over the length hides
-# the stiffness. The least rate that limits this length [1/s].
-_SMALL, _SHORT, _REST = 1e-5, 3e-5, 1e-12
+# steps that give the stiffness of a moving state: the square of a larger one is an error, in a
+# smaller one damping over the length hides the stiffness. The least rate that limits this length
+# [1/s].
+_SMALL, _SHORT, _REST = 1e-5, 1e-6, 1e-12
 # Rounding errors of damping, relative to the tangents of which it is a difference.
 _NO_DAMPING = 1e-13
 # Increment between the points of differences of order six, in units of the scene, or of the
 # shortest element if nodes slide; the least one, near ends of elements on which nodes slide.
 # Weights of these differences.
-_APART, _LEAST_APART = 0.01, 1e-4
+_APART, _LEAST_APART = 0.02, 1e-4
 _FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
 # Half of the time over which a natural strain is seen to change, relative to the last step of the
 # motion, and at least relative to the time; at the time zero before the first step [s]. The largest
@@ -66,7 +64,6 @@ _MOMENT, _OF_TIME, _AT_ZERO, _KINK, _ROUNDING = 1e-3, 1e-9, 1e-6, 1e-3, 1e-13
 _BENT = 1e-8
 # Forces without balance in the reference, relative to the largest, that are no round-off.
 _UNBALANCED = 1e-9
-_NONE = np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +112,7 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
                 inputs.scene.loads[i] = replace(load, value=constant(0 * load.value(0.0)))
     elif solution.stats.static:
         factor = float(solution.t[-1])
-    model, frame = model_for(inputs.scene, EnergyMomentum(), instant=True, released=True), None
+    model, frame = model_for(inputs.scene, EnergyMomentum(), instant=True), None
     check_unknowns(model, caller)
     forcing = Forcing(model)
     if solution is None:
@@ -131,7 +128,6 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     if singularity := model.reduction.singularity:
         raise SceneError(f"{caller}: {singularity}. Take a state beside it")
     T, S = coupling.parts(coupling.X)
-    unknowns = coupling.columns[: coupling.count - model.couplings.released]
     w = np.zeros(coupling.count)
     if state.v.any():
         w = _rates_from(model, T.toarray()) @ state.v
@@ -140,40 +136,40 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     strained = None
     if solution is not None and not solution.stats.static:
         strained = _natural_rates(model, state, caller)
-    steps = _Steps(model, state, S @ w, strained)
-    steps.equations.set_load(factor)
-    mass, residual = model.masses.matrix, steps.residual()
-    added = added_force(model, state, factor, state.t)
+    model.forms.set_load(factor)
+    f, K, C, pushes, stiff, viscous, added = _forces(model, state, strained)
+    model.forms.set_load(1.0)
+    check_finite(K.data, f, caller)
+    if not factor:  # loads that depend on rates damp, as in `modes`
+        _, _, C, _, _, viscous, _ = _forces(model, state)
+    mass = model.masses.matrix
     dead = dead_loads(model, state, factor, frame, added)
-    if solution is None and steps.are_unbalanced(residual):
+    if solution is None and _are_unbalanced(model, T.T @ f + S.T @ pushes, f):
         settled = settled_reference(scene, caller)
         if settled is not None:
             return deviations(scene, settled, caller)
     if frame is not None:
         dead += factor * frame.force(state.q)
-    dead -= mass @ (dT @ w)
-    a = _accelerations(model, forcing, state, T, residual - T.T @ dead, dT @ w)
+        K = K - factor * frame.spin**2 * frame.mass
+        C = C + np.sqrt(factor) * frame.gyroscopic
+    r = f - dead + mass @ (dT @ w)
+    a = _accelerations(model, forcing, state, T, r, S.T @ pushes, dT @ w)
+    r += mass @ (T @ a)
     turning, _ = coupling.parts(coupling.derivatives(a)[0])
-    K, C = steps.slopes(dead - mass @ (T @ a))
-    steps.equations.set_load(1.0)
-    check_finite(K.data, residual, caller)
-    if not factor:  # loads that depend on rates damp, as in `modes`
-        _, C = steps.slopes(dead)
-    K = K + T.T @ (mass @ (turning + ddT))
-    C = C + 2 * T.T @ (mass @ dT)
-    if frame is not None:
-        K = K - factor * frame.spin**2 * (T.T @ frame.mass @ T)
-        C = C + np.sqrt(factor) * T.T @ frame.gyroscopic @ T
+    geometric = coupling.force_slopes(np.concatenate([r, pushes]))
+    stiff, viscous = scipy.sparse.diags(stiff), scipy.sparse.diags(viscous)
+    K = T.T @ (K @ T + C @ dT + mass @ (turning + ddT)) + S.T @ (stiff @ S + viscous @ dS)
+    C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S)
     return Deviations(
         model=model,
         held=inputs,
         forcing=forcing,
         state=state,
         rates=w,
-        unknowns=unknowns,
+        unknowns=model.reduction.independent,
         M=(T.T @ (mass @ T)).tocsr(),
         C=C.tocsr(),
-        K=K.tocsr(),
+        K=(K + geometric).tocsr(),
         T=T,
         dT=dT,
         S=S,
@@ -181,6 +177,14 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
         frame=frame,
         factor=factor,
     )
+
+
+def _are_unbalanced(model: Model, forces: np.ndarray, nodal_forces: np.ndarray) -> bool:
+    """Whether forces (columns,) on unknowns are more than round-off of those at nodes (size,)."""
+    free = model.reduction.independent
+    largest = abs(nodal_forces * model.units.nodes).max(initial=0.0)
+    left = abs(forces[: len(free)] * model.units.unknowns[free])
+    return bool(left.max(initial=0.0) > _UNBALANCED * largest)
 
 
 def _warn_of_turn(
@@ -239,10 +243,11 @@ class _Coupling:
     """
 
     def __init__(self, model: Model, state: State):
-        self._model, self._reduction, self._state = model, model.reduction, state
+        self._model, self._reduction, self._slides = model, model.reduction, state.slides
+        free, driven = model.reduction.free, model.reduction.driven
         model.reduction.begin(state.q, state.slides)
         #: Numbers (count,) of the columns z.
-        self.columns = model.reduction.independent
+        self.columns = np.append(model.reduction.independent, free + np.arange(driven))
         self.count = len(self.columns)
         self.X = self._at(np.zeros(self.count))
 
@@ -253,9 +258,9 @@ class _Coupling:
         return X[: self._model.size], X[self._model.size :]
 
     def _at(self, z: np.ndarray) -> scipy.sparse.csr_matrix:
-        moved = np.zeros(self._reduction.free)
+        free, moved = self._reduction.free, np.zeros(self._reduction.columns)
         moved[self.columns] = z
-        self._reduction.increment(moved, _NONE)
+        self._reduction.increment(moved[:free], moved[free : free + self._reduction.driven])
         parts = self._reduction.maps.coupling(), self._reduction.maps.dependence_matrix()
         return scipy.sparse.vstack(parts, "csr")[:, self.columns]
 
@@ -270,15 +275,26 @@ class _Coupling:
             # Nodes of an element move against each other, which bends and turns it.
             h *= min(self._model.mesh.shortest) / self._model.mesh.size
         # All points are in one element of a beam on which a node slides.
-        self._reduction.begin(self._state.q, self._state.slides)
-        reach = self._reduction.reach(self._state.slides, self.parts(self.X)[1] @ z)
+        reach = self._reduction.reach(self._slides, self.parts(self.X)[1] @ z)
         h = min(h, max(reach / 4, _LEAST_APART / size))
         for k, (odd, even) in enumerate(zip(_FIRST, _SECOND, strict=True), start=1):
             # Constant entries have differences of zero, without rounding errors.
             ahead, back = self._at(k * h * z), self._at(-k * h * z)
             first = first + odd / h * (ahead - back)
             second = second + even / h**2 * ((ahead - self.X) + (back - self.X))
+        self._at(np.zeros(self.count))
         return first, second
+
+    def force_slopes(self, r: np.ndarray) -> scipy.sparse.lil_matrix:
+        """Derivative of X^T r, for constant forces r of nodes and columns."""
+        out = scipy.sparse.lil_matrix((self.count, self.count))
+        # The second derivatives are symmetric: X depends on the columns that change with it.
+        changing, _ = self.derivatives(np.cos(np.arange(self.count) ** 2))
+        for j in np.unique(changing.nonzero()[1]):
+            z = np.zeros(self.count)
+            z[j] = 1.0
+            out[:, j] = self.derivatives(z)[0].T @ r
+        return out
 
 
 def _natural_rates(model: Model, state: State, caller: str) -> np.ndarray | None:
@@ -303,95 +319,57 @@ def _natural_rates(model: Model, state: State, caller: str) -> np.ndarray | None
     return differences[0] / (2 * h)
 
 
-class _Steps:
-    """Steps through a state, half of each before it and half behind, and their forces.
+def _forces(model: Model, state: State, strained: np.ndarray | None = None):
+    """Internal forces f (size,), K and C; forces (columns,) on slides, their stiffness and damping.
 
-    Of rates (all,) of all columns; natural strains may be `strained` at rates (cells, degree, 3).
+    Natural strains may be `strained` at rates (cells, degree, 3).
     """
+    forms, points = model.forms, model.points
+    slid_rates = slide_rates(model, state)
+    count, added = model.reduction.columns, np.zeros(0)
 
-    def __init__(
-        self,
-        model: Model,
-        state: State,
-        rates: np.ndarray,
-        strained: np.ndarray | None = None,
-    ):
-        self._model, self._state, self._strained = model, state, strained
-        self._rates = rates[: model.reduction.free]
-        speed = 0.0 if strained is None else abs(strained).max()
-        if model.forms.depend_on_rates:
-            speed = max(speed, abs(state.v / model.units.nodes).max())
-        else:
-            self._rates = 0 * self._rates
-        #: Lengths of steps that tell damping, and stiffness [s]. In an instant strains of round-off
-        #: would have large rates, and damping hides the stiffness.
-        self.instant, self.short = INSTANT / max(speed, 1.0), _SHORT / max(speed, _REST)
-        self.equations = Equations(model, natural=lambda end: self._strains, inert=False)
+    def step(dt: float, moving: bool = True):
+        """Forces and tangents of a step dt about the state, half of it before."""
+        D, slid = moving * dt * state.v, moving * dt * slid_rates
+        start = replace(state, q=state.q - D / 2, slides=state.slides - slid / 2)
+        inputs = start_of(model, start, dt)
+        if strained is not None and state.natural is not None:
+            first = state.natural - dt / 2 * strained
+            inputs = inputs.with_natural(first, first + dt * strained)
+        nonlocal added
+        forces = forms.begin(instant(state.t, dt), inputs)
+        f, added = forces.internal(D), forces.added()
+        z = np.zeros(count)
+        z[points.columns] = slid[points.slides]
+        forms.compiled_points.evaluate_slides(z)
+        slide_forces = np.zeros((2, count))
+        for k in (0, 1):
+            np.add.at(slide_forces[k], points.columns, forms.compiled_points.on_slides(k))
+        return f, forces.tangent(), *slide_forces
 
-    def balance(self, h: float, force: np.ndarray) -> Balance:
-        """Forces of a step of the length h [s], which may go back, under dead loads `force`."""
-        model, state, half = self._model, self._state, h / 2 * self._rates
-        model.reduction.begin(state.q, state.slides)
-        q = state.q + model.reduction.increment(-half, _NONE)
-        slides = state.slides - model.couplings.free_slides(half, len(state.slides))
-        start = replace(state, q=q, slides=slides, parameters=None)  # those of the inputs
-        self._strains = state.natural
-        if state.natural is not None and self._strained is not None:
-            change = h / 2 * self._strained
-            start.natural, self._strains = state.natural - change, state.natural + change
-        self.equations.begin(instant(state.t, h), start)
-        return self.equations.at(2 * half, _NONE, force)
-
-    def _limit(self, value_of: Callable[[float], Any]) -> Any:
-        """A value for steps of no length, from two lengths; where nothing flows also of steps back.
-
-        Of these the mean has an error that grows with the square of the length.
-        """
-        h = self.short
-        if not self._rates.any() and self._strained is None:
-            return value_of(h)
-        if self._model.kinks.flows:
-            return 2 * value_of(h) - value_of(2 * h)
-        near, far = (value_of(length) + value_of(-length) for length in (h, 2 * h))
-        return (4 * near - far) / 6
-
-    def residual(self) -> np.ndarray:
-        """All forces (columns,), without dead loads and inertia."""
-        columns, none = self._model.reduction.independent, np.zeros(self._model.size)
-        return self._limit(lambda h: self.balance(h, none).residual[columns])
-
-    def are_unbalanced(self, residual: np.ndarray) -> bool:
-        """Whether forces on unknowns are more than round-off of the last ones at nodes."""
-        units, driven = self._model.units, self._model.couplings.released
-        columns = self._model.reduction.independent[: len(residual) - driven]
-        largest = abs(self.equations.balance.f * units.nodes).max(initial=0.0)
-        left = abs(residual[: len(columns)] * units.unknowns[columns])
-        return bool(left.max(initial=0.0) > _UNBALANCED * largest)
-
-    def _tangent(self, h: float, force: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Derivative (columns, columns) by the end of a step: K / 2 + C / h."""
-        self.balance(h, force)
-        return self.equations.tangent()
-
-    def slopes(self, force: np.ndarray) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
-        """Derivatives (columns, columns) of all forces by z and z', by exact tangents of steps.
-
-        The derivatives by the ends of a step and of one back are half of that by z.
-        """
-        dt = self.instant
-        if not self._model.forms.depend_on_rates:
-            half = self._tangent(dt, force)
-            return 2 * half, 0 * half
-        # Without what grows with the motion in a step, and without rounding errors of the
-        # stiffness: they would damp what has no mass.
-        a, b, c = (self._tangent(multiple * dt, force) for multiple in (1, 2, 4))
-        C, terms = (4 / 3 * dt * (2 * a - 3 * b + c)).tocoo(), np.sqrt(abs(dt * a.diagonal()))
-        C.data[abs(C.data) <= _NO_DAMPING * terms[C.row] * terms[C.col]] = 0.0
-        C = C.tocsr()
-
-        K = 2 * self._limit(lambda h: self._tangent(h, force) - C / h)
-        check_damping(np.append(K.data, C.data), "linearise: the damping in this state")
-        return K, C
+    if not forms.depend_on_rates:
+        f, half, pushes, half_slides = step(INSTANT, moving=False)
+        return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides, added
+    size = max(
+        abs(state.v / model.units.nodes).max(), 0 if strained is None else abs(strained).max()
+    )
+    # Without what grows with the motion in a step, and without rounding errors of the stiffness:
+    # they would damp what has no mass.
+    dt = INSTANT / max(size, 1.0)
+    parts = [step(multiple * dt)[1::2] for multiple in (1, 2, 4)]
+    C, viscous = (4 / 3 * dt * (2 * a - 3 * b + c) for a, b, c in zip(*parts, strict=True))
+    C, terms = C.tocoo(), np.sqrt(abs(dt * parts[0][0].diagonal()))
+    C.data[abs(C.data) <= _NO_DAMPING * terms[C.row] * terms[C.col]] = 0.0
+    # In an instant strains of round-off would have large rates, and damping hides the stiffness.
+    h = _SHORT / max(size, _REST)
+    f, ahead, pushes, slides_ahead = step(h)
+    if model.kinks.flows:
+        K, stiff = 2 * (ahead - C / h), 2 * (slides_ahead - viscous / h)
+    else:  # damping over the length has the opposite sign in a step back
+        _, back, _, slides_back = step(-h)
+        K, stiff = ahead + back, slides_ahead + slides_back
+    check_damping(np.append(K.data, C.data), "linearise: the damping in this state")
+    return f, K, C, pushes, stiff, viscous, added
 
 
 def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -416,8 +394,8 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
             strains.append(strained(changed))
             if natural:
                 state = replace(state, natural=strains[-1])
-            steps = _Steps(model, state, about.S @ about.rates)
-            forces.append(-steps.residual())
+            f, _, _, pushes, *_ = _forces(about.model, state)
+            forces.append(-(about.T.T @ f + about.S.T @ pushes))
     finally:
         inputs.set({name: value})
         inputs.arrive()
@@ -426,8 +404,8 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
         return force, np.zeros_like(force)
     rate = (strains[1] - strains[0]) / (2 * h)
     still = replace(about.state, v=0 * about.state.v)  # without the round-off of other rates
-    ahead, back = (_Steps(model, still, 0 * about.S @ about.rates, sign * rate) for sign in (1, -1))
-    return force, (back.residual() - ahead.residual()) / 2
+    ahead, back = (_forces(about.model, still, sign * rate)[0] for sign in (1, -1))
+    return force, -about.T.T @ (ahead - back) / 2
 
 
 def _accelerations(
@@ -435,20 +413,20 @@ def _accelerations(
     forcing: Forcing,
     state: State,
     T: scipy.sparse.csr_matrix,
-    residual: np.ndarray,
+    r: np.ndarray,
+    pushes: np.ndarray,
     turning: np.ndarray,
 ) -> np.ndarray:
     """Accelerations z'': of unknowns by the equations, of driven motions as the step ended.
 
-    The forces without M T z'' leave a `residual` (columns,). Inputs have no acceleration.
+    Forces are r (size,) at nodes and pushes (columns,) of springs. Inputs have no acceleration.
     """
-    driven, mass = model.couplings.released, model.masses.matrix
-    a, free = np.zeros(T.shape[1]), T.shape[1] - driven
-    unknowns = model.reduction.independent[:free]
-    if driven and state.length:  # `State.a` is that of the middle of the step
+    free, mass = len(unknowns := model.reduction.independent), model.masses.matrix
+    a = np.zeros(T.shape[1])
+    if model.reduction.driven and state.length:  # `State.a` is that of the middle of the step
         h = max(_MOMENT * state.length, _BENT * abs(state.t))
         a[free:] = forcing.derivatives(state.t, -h)[1]
-    elif driven and state.a.any():
+    elif model.reduction.driven and state.a.any():
         unit = model.units.nodes
         scaled = T.toarray() / unit[:, None]
         a = np.linalg.lstsq(scaled, (state.a - turning) / unit, rcond=None)[0]
@@ -456,6 +434,10 @@ def _accelerations(
     for i, function in enumerate(forcing.functions):
         if function.ramps:
             a[free + i] = 0.0
-    M, unit = (T.T @ (mass @ T)).tocsr(), model.units.unknowns[unknowns]
-    a[:free] = acceleration_of(M[:free, :free], -(residual + M @ a)[:free], unit)
+    force = -(T.T @ (r + mass @ (T @ a)) + pushes)[:free]
+    M, unit = (
+        (T.T @ (mass @ T)).tocsr()[:free, :free],
+        model.units.unknowns[unknowns],
+    )
+    a[:free] = acceleration_of(M, force, unit)
     return a

@@ -97,7 +97,7 @@ class Model:
     Vectors contain all degrees of freedom; `mesh.dofs` gives those of a node. With `mobile`, parts
     with mass need no supports, even if the scheme is static. With `instant`, its steps only serve
     to find derivatives of forces. A `part` of a scene is checked with the whole. A mechanism that
-    its loads may hold is not refused if it `settles`. Driven motions are unknowns if `released`.
+    its loads may hold is not refused if it `settles`.
     """
 
     def __init__(
@@ -108,7 +108,6 @@ class Model:
         instant: bool = False,
         part: bool = False,
         settles: bool = False,
-        released: bool = False,
     ):
         self.scheme, self.mesh = scheme, build_mesh(scene)
         #: Held by a thread that computes with it: a solution may be read by several.
@@ -140,7 +139,7 @@ class Model:
         self.masses.warn_of_no_weight(scene)
         look_at_ends(scene, self.mesh)
         self.reduction: Reduction
-        self._build_reduction(released)
+        self._build_reduction()
         #: Whether friction sticks, whose damping depends on masses and places.
         self.sticks = sticks(scene) and not scheme.rates.at_rest
         if self.sticks:
@@ -220,10 +219,10 @@ class Model:
         other.reduction = self.reduction.in_block(block, forms.compiled_points)
         return other
 
-    def _build_reduction(self, released: bool) -> None:
+    def _build_reduction(self) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""
         scene, matrix = self.scene, self.forms.stiffness
-        self.couplings = couple(scene, self.mesh, released)
+        self.couplings = couple(scene, self.mesh)
         #: Sizes of unit increments.
         self.units = Units(self.mesh, self.couplings)
         # Couplings that change with the motion.
