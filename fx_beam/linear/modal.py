@@ -322,7 +322,8 @@ def _excitation(about: Linearisation) -> Excitation:
     translations = np.tile(np.eye(2, 3), model.size // 3)
     forces = (model.masses.matrix @ translations.T).T
     pushes = [about.unknown_forces(force) for force in forces]
-    moved = [acceleration_of(about.M, push, about.unit) for push in pushes]
+    unit = model.units.unknowns[about.unknowns]
+    moved = [acceleration_of(about.M, push, unit) for push in pushes]
     return Excitation(forces.reshape(2, -1, 3), np.array(pushes) @ np.array(moved).T)
 
 

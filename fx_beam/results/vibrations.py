@@ -73,7 +73,7 @@ class Participation(NamedTuple):
     >>> scene.clamp(beam.start)
     >>> shaken = fb.modes(scene, n=2).participation((1, 0))
     >>> round(float(shaken.effective_masses[0]), 2), round(float(shaken.shares.sum()), 2)
-    (0.61, 0.8)
+    (0.61, 0.81)
     """
 
     factors: np.ndarray
