@@ -23,7 +23,8 @@ def test_a_single_step_may_pass_eighty_points():
     stiffnesses = 1.0 + np.arange(80)
     path = fb.static(rigid_columns(stiffnesses, 100.0), load_steps=1)
     points = path.critical_points
-    assert path.unstable_modes.tolist() == [0, 80]
+    # A step that passes so many is cut without a search, and its parts are rows.
+    assert path.unstable_modes[[0, -1]].tolist() == [0, 80]
     assert {point.kind for point in points} == {"bifurcation"}
     loads = [100 * point.load_factor for point in points]
     assert loads == pytest.approx(stiffnesses.tolist(), rel=1e-7)
@@ -94,8 +95,9 @@ def test_an_error_names_a_bifurcation_one_step_ahead_whatever_the_rounding(load,
     (point,) = fb.static(column(14.0), load_steps=4).critical_points
     scene = column(14.0 * point.load_factor * load)
     scene.add_force(scene.beams[0].node(0.5), (push, 0))
+    # With more cuts the path goes on along the arc length, past its sharp bend.
     with pytest.raises(fb.StepError, match=r"a bifurcation near load factor 1\. Follow"):
-        fb.static(scene, load_steps=4)
+        fb.static(scene, load_steps=4, max_cuts=4)
 
 
 @pytest.mark.parametrize("stiffness", [1e4, 1e10])

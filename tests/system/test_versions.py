@@ -120,7 +120,7 @@ def test_the_options_of_ffcx_are_its_own_defaults_and_complete():
     values = {
         name: next(v for v in row if not isinstance(v, type)) for name, row in defaults.items()
     }
-    assert {name: ffcx_api._OPTIONS[name] for name in defaults} == values
+    assert {name: ffcx_api.OPTIONS[name] for name in defaults} == values
 
 
 # -- Without MPI -----------------------------------------------------------------------------------
