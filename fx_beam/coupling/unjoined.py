@@ -10,7 +10,6 @@ import numpy as np
 from fx_beam.errors import warn_once
 from fx_beam.fem.mesh import Mesh
 from fx_beam.fem.sparsity import connected_parts
-from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 
@@ -126,8 +125,9 @@ def links(scene: Scene, mesh: Mesh) -> list[tuple[int, int]]:
     pairs += [(gear.joint_b.b, gear.joint_a.a) for gear in scene.gears]
     for contact in scene.contacts:
         pairs.append((contact.target, getattr(contact.shape, "carrier", contact.shape)))
+    line: Any
     for line in scene.forces_between:
-        pairs += pairwise((line.target, GROUND) if isinstance(line, GroundSpring) else line.points)
+        pairs += pairwise((line.target, GROUND) if line.to_ground else line.points)
     # What has no number, as a fixed point, is on the ground.
     numbers = ([beams.get(id(x), getattr(x, "number", -1)) for x in pair] for pair in pairs)
     return [(a, b) for a, b in numbers]
