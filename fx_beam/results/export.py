@@ -316,7 +316,7 @@ def _columns(
         columns[name] = values
         units.append(unit)
 
-    if energies is not False and (energies or not static):
+    if not static if energies is None else energies:
         for name, values in vars(solution.energy).items():
             add(f"energy {name}", values, "J")
         add("energy total", solution.energy.total, "J")

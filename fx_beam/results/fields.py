@@ -13,8 +13,8 @@ from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
 
 from .records import BeamResultants
-from .section_forces import Balance
-from .stresses import largest_stress
+from .section_forces import Balance, SectionForces
+from .stresses import BeamStress
 
 RESULTANTS = ("N", "Q", "M")
 _STIFFNESSES = ("EA", "GA", "EI")
@@ -48,8 +48,8 @@ def along_all(
     are polynomials through the values at the Gauss points, and may jump. The stress is the larger
     one of both edges.
     """
-    rows, fields = list(rows), dict[str, np.ndarray]()
-    if not {*RESULTANTS, "stress"}.isdisjoint(quantities := [*quantities]):
+    quantities, rows, fields = [*quantities], list(rows), dict[str, np.ndarray]()
+    if not {*RESULTANTS, "stress"}.isdisjoint(quantities):
         try:
             balance, gauss = _as_one(solution, rows)
         except ValueError:  # the balance is not known
@@ -60,7 +60,7 @@ def along_all(
             known = dict(zip(RESULTANTS, balance.in_elements(gauss, points), strict=True))
         fields = {name: known[name] for name in RESULTANTS if name in quantities}
         if "stress" in quantities:
-            fields["stress"] = _stresses(solution, known["N"], known["M"], points)
+            fields["stress"] = _stresses(solution, known, points)
     for name in quantities:
         if name == "speed":
             nodes = nodes_of_elements(solution)
@@ -88,14 +88,14 @@ def _as_one(solution, rows: list[int]) -> tuple[Balance, np.ndarray]:
     return balance, np.concatenate(parts, axis=1)
 
 
-def _stresses(solution, N: np.ndarray, M: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Larger stresses of both edges, of N and M (rows, elements, points)."""
-    end, values = 0, np.empty_like(N)
+def _stresses(solution, known: dict[str, np.ndarray], points: np.ndarray) -> np.ndarray:
+    """Larger stresses of both edges, of N, Q and M (rows, elements, points)."""
+    end, values = 0, np.empty_like(known["N"])
     for beam in solution.beams.values():
         cells = slice(end, end := end + beam.elements)
-        s = arc_lengths(beam, points).ravel()
-        forces = (force[:, cells].reshape(len(N), -1) for force in (N, M))
-        values[:, cells] = largest_stress(beam, s, *forces).reshape(N[:, cells].shape)
+        forces = (known[name][:, cells].reshape(len(values), -1) for name in RESULTANTS)
+        along = SectionForces(arc_lengths(beam, points).ravel(), *forces)
+        values[:, cells] = BeamStress(beam, along).largest.reshape(values[:, cells].shape)
     return values
 
 

@@ -630,8 +630,7 @@ class Solution:
         """
         from .stresses import BeamStress
 
-        resultants = self.resultants(beam)
-        return BeamStress(self.beams[_beam_name(self, beam)], resultants, resultants.s)
+        return BeamStress(self.beams[_beam_name(self, beam)], self.resultants(beam))
 
     def internal(self, beam: Beam | str, variable: str | None = None) -> np.ndarray:
         """An internal variable along a beam over time.

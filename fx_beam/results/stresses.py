@@ -29,9 +29,7 @@ class BeamStress:
     beam : Beam
         The beam, with its `Section`.
     forces : BeamResultants or SectionForces
-        Section forces (rows, places).
-    s : (places,) float
-        Arc lengths from its start [m].
+        Section forces (rows, places), with their arc lengths s.
 
     Examples
     --------
@@ -47,11 +45,15 @@ class BeamStress:
 
     beam: Beam
     forces: BeamResultants | SectionForces
-    s: np.ndarray
 
     def __repr__(self):
         rows, places = self.forces.N.shape
         return f"<BeamStress: {rows} rows, {places} places, largest {self.largest.max():.4g} Pa>"
+
+    @property
+    def s(self) -> np.ndarray:
+        """Arc lengths (places,) from the start of the beam [m]."""
+        return self.forces.s
 
     @property
     def lower(self) -> np.ndarray:
@@ -66,7 +68,7 @@ class BeamStress:
     @property
     def largest(self) -> np.ndarray:
         """The larger size (rows, places) of the normal stresses at both edges [Pa]."""
-        return largest_stress(self.beam, self.s, self.forces.N, self.forces.M)
+        return np.maximum(abs(self.lower), abs(self.upper))
 
     @property
     def shear(self) -> np.ndarray:
@@ -89,8 +91,7 @@ class BeamStress:
             Stresses (rows, places).
         """
         assert isinstance(self.forces, BeamResultants), "stresses at places have no others"
-        forces = self.forces.at(s, side)
-        return BeamStress(self.beam, forces, forces.s)
+        return BeamStress(self.beam, self.forces.at(s, side))
 
     @property
     def ends(self) -> BeamStress:
@@ -103,18 +104,7 @@ class BeamStress:
 
     def _sizes(self, *names: str) -> list[np.ndarray]:
         """Sizes (places,) of the section."""
-        return sizes_along(self.beam, self.s, *names)
-
-
-def sizes_along(beam: Beam, s: np.ndarray, *names: str) -> list[np.ndarray]:
-    """Sizes (places,) of the section of a beam at arc lengths."""
-    check_sizes(beam.section, *names, subject=f"stress of {label(beam)}")
-    fractions = np.clip(s / beam.length, 0.0, 1.0)
-    return [beam.section.values(name, fractions) for name in names]
-
-
-def largest_stress(beam: Beam, s: np.ndarray, N: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """The larger size of the stresses at both edges, of N and M (..., places) at arc lengths."""
-    A, J, *edges = sizes_along(beam, s, "A", "I", "lower", "upper")
-    lower, upper = (abs(N / A - M * edge / J) for edge in edges)
-    return np.maximum(lower, upper)
+        section = self.beam.section
+        check_sizes(section, *names, subject=f"stress of {label(self.beam)}")
+        fractions = np.clip(self.s / self.beam.length, 0.0, 1.0)
+        return [section.values(name, fractions) for name in names]
