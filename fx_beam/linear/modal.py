@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -313,7 +314,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
                 lost = _bends(reference, reference.at_nodes(vectors_there[:, rigid_there]))
         warn_of_rounding(about.K, vectors[:, ~rigid], "modes: frequencies have", lost)
     found = modes_of(about.model, about.start.q, shapes, omega, rigid, ratios, roots)
-    return replace(found, excitation=_excitation(about))
+    return replace(found, excitation=partial(_excitation, about))
 
 
 def _excitation(about: Linearisation) -> Excitation:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import require
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.loads import label
 from fx_beam.scene.section import check_sizes
@@ -90,7 +91,9 @@ class BeamStress:
         BeamStress
             Stresses (rows, places).
         """
-        assert isinstance(self.forces, BeamResultants), "stresses at places have no others"
+        of_beam = isinstance(self.forces, BeamResultants)
+        require(of_beam, "BeamStress.at: stresses", self, "those of solution.stress, not at places")
+        assert isinstance(self.forces, BeamResultants)
         return BeamStress(self.beam, self.forces.at(s, side))
 
     @property

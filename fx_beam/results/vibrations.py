@@ -132,8 +132,8 @@ class Modes:
         frequency Im(lambda).
     bodies, beams : dict, optional
         The bodies and the beams by name.
-    excitation : Excitation, optional
-        What `participation` reads; none for modes of critical points.
+    excitation : Excitation or callable, optional
+        What `participation` reads, or a function that gives it; none for modes of critical points.
 
     Examples
     --------
@@ -158,7 +158,7 @@ class Modes:
     eigenvalues: np.ndarray
     bodies: dict[str, Body] = field(default_factory=dict)
     beams: dict[str, Beam] = field(default_factory=dict)
-    excitation: Excitation | None = field(default=None, repr=False)
+    excitation: Any = field(default=None, repr=False)
 
     def __post_init__(self):
         # Rotations count if nothing else moves.
@@ -198,11 +198,19 @@ class Modes:
         ok = self.excitation is not None and np.isrealobj(self.shapes)
         expected = "undamped ones of fx_beam.modes: modes(scene, damping=False)"
         require(ok, "participation: modes", self, expected)
-        assert self.excitation is not None
         d = floats(way) / size
-        forces = np.tensordot(d, self.excitation.forces, axes=1)
+        excitation = self._known_excitation()
+        forces = np.tensordot(d, excitation.forces, axes=1)
         factors = np.tensordot(self.shapes, forces, axes=2)
-        return Participation(factors, factors**2, float(d @ self.excitation.mass @ d))
+        return Participation(factors, factors**2, float(d @ excitation.mass @ d))
+
+    def _known_excitation(self) -> Any:
+        if callable(self.excitation):
+            object.__setattr__(self, "excitation", self.excitation())
+        return self.excitation
+
+    def __getstate__(self):
+        return self.__dict__ | {"excitation": self._known_excitation()}
 
     @property
     def frequencies(self) -> np.ndarray:

@@ -67,8 +67,7 @@ class Equations:
             D=n, z=columns, r=n, tangent=p.tables.tangent.stored, f=n, reduced=columns
         )
         self._force, _, self._strains = problem.given()
-        #: The last balance.
-        self.balance = Balance(D, f, r, residual)
+        self._balance = Balance(D, f, r, residual)
 
     def _of(self, values: np.ndarray):
         return self._problem.ffi.from_buffer(self._doubles, np.ascontiguousarray(values))
@@ -115,9 +114,9 @@ class Equations:
         reduction.increment(y, driven)
         self._z[:], self._force[:] = reduction.in_columns(y, driven), force
         if not self._library.fx_balance(self._c, self._length):
-            self.balance.D[:] = np.nan
+            self._balance.D[:] = np.nan
         y[:] = self._z[: len(y)]
-        return self.balance
+        return self._balance
 
     def at_start(self, force: np.ndarray) -> Balance:
         """Evaluate at the start of the step: the increment is zero."""

@@ -1,6 +1,7 @@
 """Natural frequencies against exact ones, dense algebra, equilibria and the motion itself."""
 
 import math
+import pickle
 
 import ufl
 
@@ -489,6 +490,8 @@ def test_participation_factors_are_those_of_a_model_of_two_masses(arm):
     shaken = fb.modes(storeys(arm), n=2).participation((1, 0))
     assert shaken.effective_masses == pytest.approx(factors**2, rel=1e-9)
     assert shaken.total == pytest.approx(5.0)
+    copied = pickle.loads(pickle.dumps(fb.modes(storeys(arm), n=2))).participation((1, 0))
+    assert copied.effective_masses == pytest.approx(factors**2, rel=1e-9)
     across = fb.modes(storeys(arm), n=2).participation((0, 1))
     assert abs(across.factors).max() < 1e-9
 
