@@ -704,14 +704,15 @@ class Solution:
         if is_section_force(output):
             forces = self.resultants(place.beam).at(place.s)
             return section_value(output, forces.N[:, 0], forces.Q[:, 0], forces.M[:, 0])
-        if isinstance(place, BeamPlace):
-            _beam_name(self, place.beam)
+        if isinstance(place, Node | BeamPlace):
+            if isinstance(place, Node):
+                _node_number(self, place)
+            else:
+                _beam_name(self, place.beam)
             from .joint_and_contact_motion import measured_in, values_in
 
             return values_in(self, measured_in(self, output))
-        if isinstance(place, Node):
-            rows = self._at_node(name, place)
-        elif isinstance(place, Contact):
+        if isinstance(place, Contact):
             contact = self.contact(place)
             rows = contact.gap.min(axis=1) if name == "gap" else contact.force.sum(axis=1)
         else:
