@@ -3,7 +3,6 @@
 import ast
 import importlib
 import importlib.util
-import warnings
 from pathlib import Path
 
 if importlib.util.find_spec("ffcx") is None:
@@ -27,11 +26,6 @@ __all__ = [name for name in _HOMES if name not in ("materials", "plot")]
 
 
 def __getattr__(name: str):
-    if name in ("stability", "work_precision"):
-        new = f"fx_beam_studies.{name}"
-        message = f"fx_beam.{name} is now {new}; the old name goes in version 1.2"
-        warnings.warn(message, FutureWarning, stacklevel=2)
-        return importlib.import_module(new)
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = importlib.import_module(_HOMES[name])

@@ -1,15 +1,13 @@
-"""`python -m fx_beam`: `info` for bug reports; it also runs a script, as in version 1.0."""
+"""`python -m fx_beam info`: versions, compiler and cache, for bug reports."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import platform
-import runpy
 import shlex
 import subprocess
 import sys
-import warnings
 from contextlib import suppress
 from importlib import import_module, metadata
 from importlib.util import find_spec
@@ -17,7 +15,6 @@ from pathlib import Path
 
 from fx_beam import c_library, compiler, library_cache
 from fx_beam.errors import SceneError
-from fx_beam.mpi import RANKS
 from fx_beam.step import build
 
 #: Distributions of the imported packages; for FEniCSx with a prefix before the package's name.
@@ -25,10 +22,6 @@ _PREFIX = "fenics-"
 _DISTRIBUTIONS = (
     *("fenics-ffcx", "fenics-basix", "fenics-ufl", "fenics-dolfinx", "petsc4py", "mpi4py"),
     *("numpy", "scipy", "matplotlib", "pyvista"),
-)
-_DEPRECATED = (
-    "python -m fx_beam script.py goes in version 1.2: use `python script.py`, without mpirun. "
-    "Processes no longer share a scene; the threads of one process do, see FX_BEAM_THREADS"
 )
 
 
@@ -89,31 +82,13 @@ def _folder(path: Path) -> str:
     return f"{path}, {len(files)} files, {size / 1e6:.0f} MB of {library_cache.LARGEST / 1e6:.0f}"
 
 
-def run(script: str, arguments: list[str]) -> None:
-    """Run a script, on the first process of mpirun alone."""
-    if any([os.environ.pop(rank, "0") != "0" for rank in RANKS]):
-        return
-    warnings.warn(_DEPRECATED, FutureWarning, stacklevel=1)
-    sys.argv[:] = [script, *arguments]
-    if not sys.flags.safe_path:  # with `python -P` the first folder is one of PYTHONPATH
-        sys.path[0] = str(Path(script).resolve().parent)
-    runpy.run_path(script, run_name="__main__")
-
-
 def main() -> None:
     """Do what the first argument says."""
     parser = argparse.ArgumentParser(prog="python -m fx_beam")
     parser.add_argument(
-        "what",
-        help="info: versions, compiler and cache, for bug reports; or a script.py, which goes in "
-        "version 1.2: use python script.py",
+        "what", choices=["info"], help="versions, compiler and cache, for bug reports"
     )
-    parser.add_argument("arguments", nargs=argparse.REMAINDER, help="arguments of the script")
-    options = parser.parse_args()
-    if options.what != "info":
-        if not Path(options.what).is_file():
-            parser.error(f"{options.what} is neither info nor a script")
-        return run(options.what, options.arguments)
+    parser.parse_args()
     lines = info()
     width = max(map(len, lines)) + 2
     if sys.stdout is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -277,13 +276,6 @@ class Stats:
     limit_points: list[float] = field(default_factory=list)
     closed: bool = False
     gradient_growth: float = 0.0
-
-    @property
-    def krylov_iterations(self) -> int:
-        """Zero: processes no longer share a scene. It goes in version 1.2."""
-        message = "Stats.krylov_iterations is always 0, as processes no longer share a scene"
-        warnings.warn(f"{message}; it goes in version 1.2", FutureWarning, stacklevel=2)
-        return 0
 
     def __repr__(self):
         iterations = self.newton_iterations / max(1, self.substeps)

@@ -161,14 +161,8 @@ fx_beam.simulate; print(*sys.modules)"""
 
 def test_pictures_are_had_from_the_package_and_nothing_else_is():
     assert fx_beam.plot.curves and {"plot", "Scene", "modes"} <= set(dir(fx_beam))
-    with pytest.raises(AttributeError, match="workprecision"):
-        fx_beam.workprecision  # noqa: B018
-
-
-@pytest.mark.parametrize("name", ["stability", "work_precision"])
-def test_studies_are_still_had_from_the_package_with_a_word_on_their_new_place(name):
-    with pytest.warns(FutureWarning, match=f"fx_beam.{name} is now fx_beam_studies.{name}"):
-        assert getattr(fx_beam, name) is importlib.import_module(f"fx_beam_studies.{name}")
+    with pytest.raises(AttributeError, match="work_precision"):
+        fx_beam.work_precision  # noqa: B018
 
 
 def test_versions_are_asked_for_in_one_place_only():

@@ -80,36 +80,6 @@ runpy.run_module("fx_beam", run_name="__main__")
     assert "fx_beam, " in lines["cache"]
 
 
-@pytest.mark.parametrize("options", [[], ["-P"]])
-def test_a_script_run_by_the_package_sees_the_folders_of_pythonpath(options, tmp_path):
-    (tmp_path / "lib").mkdir()
-    (tmp_path / "lib" / "of_user.py").write_text("print('seen')")
-    (tmp_path / "script.py").write_text("import of_user")
-    path = os.pathsep.join([str(tmp_path / "lib"), str(Path(fx_beam.__file__).parents[1])])
-    command = [sys.executable, *options, "-m", "fx_beam", tmp_path / "script.py"]
-    assert subprocess.check_output(command, env=os.environ | {"PYTHONPATH": path}) == b"seen\n"
-
-
-@pytest.mark.parametrize("rank", ["OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK"])
-def test_a_script_runs_on_the_first_process_of_mpirun_alone(rank, tmp_path):
-    (tmp_path / "script.py").write_text("import sys; print('runs', *sys.argv[1:])")
-    command = [sys.executable, "-m", "fx_beam", tmp_path / "script.py", "with", "arguments"]
-    first, second = (
-        subprocess.run(
-            command,
-            env=os.environ | {"PYTHONPATH": str(Path(fx_beam.__file__).parents[1]), rank: number},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        for number in "01"
-    )
-    assert first.stdout == "runs with arguments\n"
-    assert "FutureWarning: python -m fx_beam script.py goes in version 1.2" in first.stderr
-    assert "the threads of one process do" in first.stderr
-    assert second.stdout == second.stderr == ""
-
-
 def test_without_ffcx_an_import_says_in_one_sentence_how_to_get_it(script):
     code = """
 import importlib.util
