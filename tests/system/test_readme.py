@@ -12,11 +12,13 @@ def test_the_readme_is_short():
     assert len(pages.text(README).split()) <= 700
 
 
-def test_its_first_lines_are_two_commands_of_which_continuous_integration_calls_the_second():
-    title, _, *lines = README.read_text().splitlines()
-    assert title == "# fx_beam"
-    demo, test = (line.partition("#")[0].strip() for line in lines[:2])
-    assert demo == "./run demos pendulum" and test == "./run test"
+def test_its_first_commands_are_two_of_which_continuous_integration_calls_the_second():
+    text = README.read_text()
+    commands = [line.partition("#")[0].strip() for line in text.splitlines() if line[:4] == " " * 4]
+    demo, test = commands[:2]
+    assert demo == "./run demos slider_crank" and test == "./run test"
+    # What the package is and a picture of it come before.
+    assert text.index("Flexible multibody dynamics") < text.index("![") < text.index(demo)
     assert f"{test} --all" in (pages.ROOT / ".ci" / "run").read_text()
 
 
