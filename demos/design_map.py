@@ -118,4 +118,4 @@ def draw(results, heights, speeds, deflection):
 
 
 if __name__ == "__main__":
-    script.run("WARNING")
+    script.run()

@@ -240,4 +240,4 @@ def draw(results, turns):
 
 
 if __name__ == "__main__":
-    script.run("WARNING")
+    script.run()

@@ -186,4 +186,4 @@ def draw(results, t, measured, guessed, fitted, x, half_width):
 
 
 if __name__ == "__main__":
-    script.run("WARNING")
+    script.run()

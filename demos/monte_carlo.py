@@ -170,4 +170,4 @@ def draw(results, moments, numbers):
 
 
 if __name__ == "__main__":
-    script.run("WARNING")
+    script.run()

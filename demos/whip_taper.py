@@ -264,4 +264,4 @@ def draw(results, drawn):
 
 
 if __name__ == "__main__":
-    script.run("WARNING")
+    script.run()

@@ -29,14 +29,19 @@ def main(demo, results=None, **options):
     return numbers
 
 
-def run(level="INFO"):
+def run(level="WARNING"):
     """Run the demo that was started as a script; its argument is another folder for results.
 
-    With the level "INFO", the package names each run and what it compiles.
+    It prints what the demo is, its runs, its report, and the names of the pictures. The level is
+    that of the package's own messages.
     """
     logging.basicConfig(format="%(message)s", force=True)
     logging.getLogger("fx_beam").setLevel(level)
     logging.getLogger("fx_beam.demo").setLevel("INFO")
     demo = sys.modules["__main__"]
+    print((demo.__doc__ or "").partition("\n")[0], flush=True)
     here = Path(demo.__file__).resolve()
-    main(demo, Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    folder = Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem
+    main(demo, folder)
+    pictures = {path.name for path in folder.iterdir() if path.suffix in (".gif", ".png")}
+    print(f"pictures in {folder}:", *sorted(pictures - {"thumbnail.gif"}))

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -59,19 +60,22 @@ def test_all_scripts_start_in_the_same_way():
         assert ast.unparse(start).startswith("script.run("), name
 
 
-DEMO = """from shared import script
+DEMO = """'''A demo.'''
+from shared import script
 def compute(): return {"x": 1}, ()
 def report(numbers): print(numbers)
-def draw(results): pass
+def draw(results): (results / "b.png").touch(), (results / "a.gif").touch()
 if __name__ == "__main__": script.run()
 """
 
 
-def test_results_go_to_a_folder_named_after_the_demo_or_to_the_one_given(tmp_path):
+def test_a_demo_says_what_it_is_its_numbers_and_the_pictures_in_the_folder_given(tmp_path):
     shutil.copytree(DEMOS["ring"].parent / "shared", tmp_path / "demos" / "shared")
     (tmp_path / "demos" / "one.py").write_text(DEMO)
     for folder in ("somewhere", "results/one"):
         command = [sys.executable, "demos/one.py", *([folder] if folder == "somewhere" else [])]
-        subprocess.run(command, cwd=tmp_path, check=True)
+        said = subprocess.check_output(command, cwd=tmp_path, text=True).splitlines()
+        assert said[:2] == ["A demo.", "{'x': 1}"]
+        assert re.fullmatch(rf"pictures in \S*{folder}: a.gif b.png", said[2]) and not said[3:]
         assert json.loads((tmp_path / folder / "summary.json").read_text()) == {"x": 1}
         assert (tmp_path / folder / "printed.txt").read_text() == "{'x': 1}\n"
