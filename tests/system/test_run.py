@@ -86,17 +86,18 @@ def test_a_system_without_ffcx_is_asked_for_its_list_and_no_more(call):
 
 
 @pytest.mark.parametrize("version", ["1:0.5.2-1", "1:0.9.0-11+b1", "1:0.11.0.post0-1"])
-def test_a_version_that_is_served_is_installed_with_progress(call, version):
+def test_a_version_that_is_served_is_installed_with_progress_on_one_line(call, clone, version):
     done, calls = call(version)
     assert "python3-ffcx" in calls.splitlines()[-1]
-    said = done.stderr.splitlines()
-    assert "run: Need to get 304 MB of archives." in said
-    assert [line for line in said if "%" in line] == [
-        f"run: Debian packages: {tenth}0 %" for tenth in range(1, 11)
-    ]
+    first, progress, last = done.stderr.splitlines()
+    assert "3.3 GB" in first and first.endswith("messages in results/set-up.log")
+    tenths = " ".join(f"{tenth}0 %" for tenth in range(1, 11))
+    assert progress == f"run: Debian packages: {tenths}"
     # The installation was none, which does not go unseen.
     assert done.returncode == 1
-    assert "apt-get has not installed: python3-ffcx" in said[-1]
+    assert "apt-get has not installed: python3-ffcx" in last and "see results/set-up.log" in last
+    messages = (clone / "results" / "set-up.log").read_text().splitlines()
+    assert "Need to get 304 MB of archives." in messages and "Setting up p10" in messages
 
 
 def test_only_the_documentation_has_sphinx_installed():
