@@ -53,7 +53,6 @@ html_copy_source = html_show_sourcelink = False
 html_sidebars = {
     "first_steps": [],
     "tutorial": [],
-    "tasks": [],
     "gallery": [],
     "how_we_know": [],
     "limits": [],
