@@ -38,6 +38,7 @@ default_role = "py:obj"
 autodoc_typehints = "none"
 autosummary_generate = False  # tables only
 autodoc_member_order = "bysource"
+toc_object_entries_show_parents = "hide"  # the contents of a page are narrow
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 
