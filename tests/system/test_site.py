@@ -107,7 +107,8 @@ def test_the_search_knows_the_words_of_other_fields(tmp_path):
     index = re.search(r"\((\{.*\})\)", (html / "searchindex.js").read_text(), re.DOTALL)[1]
     known = {*json.loads(index)["terms"]}
     words = (
-        "belt tendon rope cable chain hinge pin Kelvin Voigt Rayleigh Riks linkage muscle bumper FMU Gymnasium JAX PyTorch DXF SVG Jupyter units brace stress envelope spectrum"
+        "belt tendon rope cable chain hinge pin Kelvin Voigt Rayleigh Riks linkage muscle bumper "
+        "FMU Gymnasium JAX PyTorch DXF SVG Jupyter units brace stress envelope spectrum"
     )
     assert not {word for word in words.split() if search.stem(word.lower()) not in known}
 
