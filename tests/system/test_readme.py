@@ -1,5 +1,7 @@
 """The README is short, its code runs as it stands, and its picture is that of its code."""
 
+import re
+
 import pages
 import pytest
 from PIL import Image
@@ -41,3 +43,10 @@ def test_the_animated_picture_is_small():
     assert animation.stat().st_size < 1.5e6
     with Image.open(animation) as picture:
         assert picture.n_frames > 50
+
+
+def test_the_paper_has_at_most_1000_words_and_cites_each_of_its_references():
+    paper, references = (pages.text(pages.ROOT / "paper" / f"paper.{end}") for end in ("md", "bib"))
+    assert len(paper.split()) <= 1000
+    cited = set(re.findall(r"@(\w+)", paper))
+    assert cited == set(re.findall(r"^@\w+\{(\w+),", references, flags=re.MULTILINE))
