@@ -4,8 +4,8 @@ Two strips hang from a palm. Their natural curvature grows, as that of a pneumat
 bimetal does, and presses them against a disc between them. Then the palm moves up. Objective: the
 least coefficient of friction with which the disc is lifted.
 
-At the disc with weight $m g$ and acceleration $a$ both fingers are alike, with a normal force $N$
-that makes an angle $b$ with the horizontal, upwards, and a tangential force $T$:
+The disc has the weight $m g$ and the acceleration $a$. Each of the two fingers presses it with the
+same normal force $N$, at the angle $b$ above the horizontal, and the same tangential force $T$:
 
 $$ 2 (N \sin b + T \cos b) = m (g + a) $$
 
@@ -19,7 +19,7 @@ that keeps it $d$ away from where it would touch without curvature, presses with
 $$ N = \frac{3 EI}{L^3} \left(\frac{K L^2}{2} - d\right) $$
 
 The fingers touch at two Gauss points in each element, with half their thickness; their friction,
-`fx_beam.Coulomb`, sticks. A drag takes their vibration.
+`fx_beam.Coulomb`, sticks. A drag damps the vibration of the fingers.
 """
 
 import logging

@@ -171,8 +171,8 @@ def _integrals(polynomials: np.ndarray, values: MaybeDual) -> MaybeDual:
 class ValuesOverTime(Signal):
     """The nearest values of a function of place and time as a function of time (points size,).
 
-    Between the points the function is looked at ever more rarely, and where its values there leave
-    a doubt. Once it is rough, its elements are divided at all times.
+    The function is evaluated between the points in some calls (`_REGULAR_LOOKS`), and where its
+    values at the points may belong to a jump. After a jump the elements are divided at all times.
     """
 
     def __init__(self, function: SignalAlong, nearest: NearestValues):

@@ -142,7 +142,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Line(Shape):
-    """A straight wall, fixed or carried by a node; others stay where its normal points.
+    """A straight wall, fixed or carried by a node; contact keeps nodes on the side of its normal.
 
     Parameters
     ----------

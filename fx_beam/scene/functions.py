@@ -224,7 +224,7 @@ class SignalAlong(Signal):
     def _is_right(self, values: MaybeDual, positions: np.ndarray, t: float) -> bool:
         """Whether values of one call equal the values of calls one by one, at two positions.
 
-        They are compared until some are not zero, and then ever more rarely.
+        They are compared until some values are not zero, and then after 1, 2, 4, ... calls.
         """
         self._calls += 1
         if not (len(positions) and (self._was_zero or self._calls & (self._calls - 1) == 0)):
