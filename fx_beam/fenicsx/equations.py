@@ -76,10 +76,12 @@ class Equations:
             self._natural_in_c[:] = self._natural.ravel()
         natural = self._natural_in_c.reshape(strains.shape) if strains else None
         self.assembly.fields.begin(interval, start, natural)
-        if self._inertia is not None:
-            self._inertia.begin(start, interval.length)
         self._y = self.c_step.z[: reduction.free].copy()
         self._driven = self.c_step.z[reduction.free :][: reduction.driven]
+        if self._inertia is not None:
+            increment = reduction.increment(self._y, self._driven)
+            led = self._inertia.begin(start, interval.length, increment)
+            self.assembly.fields.lead(led)
         if np.array_equal(reduction.independent, self.unknowns.independent):
             return False
         self.unknowns = unknowns_of(self.assembly)

@@ -53,6 +53,8 @@ class StepFields:
         self.state = state
         self.q, self.v, self.a, self.u = self.state
         self._internal, self._parameters = data.internal, data.parameters
+        #: Accelerations beside those of the rule, of what driven motions alone move.
+        self.led = fem.Function(self.V)
         #: What takes the place of each symbol of the start in a form of the end.
         self.ends = {fields.start: self.q, fields.natural[0]: fields.natural[1]}
         if self._internal is not None:
@@ -84,6 +86,10 @@ class StepFields:
         if state.internal is not None:
             self._grid.fill(self._internal, state.internal)
         self._set_parameters(self._scene_parameters.values)
+
+    def lead(self, accelerations: np.ndarray) -> None:
+        """Set the accelerations (size,) beside those of the rule."""
+        self._fill_nodes(self.led, accelerations)
 
     def end(self, state: State) -> None:
         """Set the end of a step."""

@@ -132,7 +132,7 @@ class StepForm:
         density = symbols.symbols.data(data.shape[1], (2,))
         self.grid.fill(density, np.asarray(data, float))
         v0, a0 = symbols.start_rates
-        a, _ = rates.acceleration(symbols.increment, v0, a0, symbols.dt)
+        a = rates.acceleration(symbols.increment, v0, a0, symbols.dt)[0] + self.fields.led
         factors, test = (density[0], density[0], density[1]), symbols.test
         work = sum(factor * a[i] * test[i] for i, factor in enumerate(factors))
         return work * self.grid.measure(None, points)

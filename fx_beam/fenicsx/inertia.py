@@ -8,6 +8,7 @@ import scipy.sparse
 from fx_beam.fem.compiled_laws import PointFunction
 from fx_beam.results.state import State
 from fx_beam.step.loop import CompiledLoop
+from fx_beam.step.model import fact, led_dofs
 
 
 class Inertia:
@@ -17,10 +18,28 @@ class Inertia:
         self._loop, self._model, self._mass = loop, loop.model, loop.model.masses.matrix
         #: Slopes da/dD: of each degree of freedom (size,), or of nodes (nodes, 3, 3).
         self._slopes = np.zeros(0)
+        self._led = np.zeros(loop.model.size)
 
-    def begin(self, start: State, dt: float) -> None:
-        """Begin a sub-step of length `dt` at a state."""
+    def begin(self, start: State, dt: float, D: np.ndarray) -> np.ndarray:
+        """Begin a sub-step of length `dt` at a state, with increments (size,) of driven motions.
+
+        Gives the accelerations (size,) beside those of the rule, of what these alone move.
+        """
         self._start, self._dt = start, dt
+        led, rates = fact(self._model, led_dofs), self._model.scheme.rates
+        if not len(led):
+            return self._led
+        v, a, D = start.v[led], start.a[led], D[led]
+        before, earlier = (start.length, start.length_before) if start.length else (dt, dt)
+        means = [v - dt / 2 * a, D / dt]
+        if start.length and start.q_previous is not None:
+            means[0] = (start.q - start.q_previous)[led] / before
+        # The third derivative of the cubic through the last places, and the second at the level.
+        bends = (v - means[0]) / before, (means[1] - means[0]) / (before + dt)
+        third = 6 * (bends[1] - bends[0]) / (earlier + before + dt)
+        at_level = 2 * bends[1] + third * ((before + 2 * dt) / 3 - (1 - rates.level) * dt)
+        self._led[led] = at_level - rates.acceleration(D, v, a, dt)[0]
+        return self._led
 
     def force(self, D: np.ndarray) -> np.ndarray:
         """M a (size,) at increments D (size,)."""
@@ -31,7 +50,7 @@ class Inertia:
         path, slope = rates.work_increment(D, self._model.mesh.turns)
         a, steepness = rates.acceleration(path, start.v, start.a, self._dt)
         self._slopes = steepness * slope
-        return self._mass @ a
+        return self._mass @ (a + self._led)
 
     def _by_rule(self, rule: PointFunction, D: np.ndarray) -> np.ndarray:
         """Accelerations (size,) by a nodal rule of a user."""

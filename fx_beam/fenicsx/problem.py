@@ -327,7 +327,9 @@ class Problem(Steps):
                 )
             names = "q", "v", "a", "slides"
             arrays = {name: getattr(solution, name)[row].ravel().copy() for name in names}
-            state = state.changed(t=float(solution.t[row]), past=None, work=0.0, **arrays)
+            state = state.changed(
+                t=float(solution.t[row]), past=None, q_previous=None, work=0.0, **arrays
+            )
             state = state.changed(constraint_forces=None, joint_forces=None, dissipated=0.0)
             self._prepared.stepper.load(state)
         self._set(state)

@@ -289,10 +289,8 @@ def EnergyDecaying(damping: float | Parameter = 0.1, order: int = 2) -> Scheme:
 def Newmark(beta: float = 0.25, gamma: float = 0.5) -> Scheme:
     """Newmark's scheme; by default the average acceleration (trapezoidal) rule.
 
-    With gamma = 1/2 accelerations of driven nodes, and the inertia in reactions and motor forces
-    there, alternate from row to row: by j t / 3, if a motion begins with the third derivative j,
-    however short the steps are. The mean of two rows is right. `HHT` damps this, `EnergyMomentum`
-    has none of it.
+    With gamma = 1/2 forces of joints on bodies that turn may alternate from row to row, however
+    short the steps are. `HHT` damps this, `EnergyMomentum` has none of it.
 
     Parameters
     ----------

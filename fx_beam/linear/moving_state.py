@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse
 
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
@@ -120,7 +121,7 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     else:
         state = state_of(model, solution)
         inputs.resume(forcing, state)
-        state = _with_fitted_rates(model, state, solution)
+        state = _with_fitted_rates(model, forcing, state, solution)
         frame = turning_frame_of(model, solution, caller)
     if frame is not None:
         state = replace(state, v=0 * state.v, a=0 * state.a)
@@ -215,13 +216,16 @@ def _warn_of_turn(
         )
 
 
-def _with_fitted_rates(model: Model, state: State, solution: Solution) -> State:
-    """The state with rates that fit the joints: those of the last row, if they were recorded."""
+def _with_fitted_rates(model: Model, forcing: Forcing, state: State, solution: Solution) -> State:
+    """The state with rates that fit joints and driven motions: of the last row, if recorded."""
     if solution.has_rates and solution.t[-1] == state.t:
         state = replace(state, v=solution.v[-1].flatten())
     if not model.fits_rates:
         return state
     driven = np.full((1, model.reduction.driven), np.nan)
+    if state.length and not solution.stats.static:
+        known = forcing.end_rates(np.array([state.t]), np.array([state.length]))
+        driven = np.where(forcing.straight, driven, floats(known))
     fit = rate_fit(model).fit(state.q[None], state.v[None], state.slides[None], driven)
     return replace(state, v=fit.rates[0])
 

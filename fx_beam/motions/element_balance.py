@@ -95,7 +95,7 @@ class ElementBalance:
         self._loaded_beams = loaded_beams
         self._loads = own_loads or ElementLoads(model, loaded_beams, model.mesh.X)
         level = model.scheme.rates.level
-        self._parts = parts = self._batch(recorder, a, beams.depend_on_rates)
+        self._parts = parts = self._batch(a, beams.depend_on_rates)
         unit_masses = masses_of_points(beams.kind.degree)
         self._masses = np.tensordot(floats(self._loads.masses), unit_masses, 1)
         form_dofs = model.mesh.unknowns.dofs
@@ -120,25 +120,16 @@ class ElementBalance:
         ends = self.forces[:, :, [0, -1]] * np.array([-1.0, 1.0])[:, None]
         self.ends = components(ends, angles)
 
-    def _batch(self, recorder: Recorder, a: np.ndarray, moves: bool) -> StepBatch:
-        """The sub-steps, with rates at their starts, which Newmark's rule needs."""
+    def _batch(self, a: np.ndarray, moves: bool) -> StepBatch:
+        """The sub-steps; accelerations (n, size) at their ends become those of the equations."""
         parts, rest = self._steps.batch(moves), self._rest
         if rest is not None:
             return parts._replace(t=np.full(len(parts.t), rest.time), load_factor=rest.factors)
         rates = self.model.scheme.rates
-        if not isinstance(rates, NewmarkRates) or not (moves or rates.alpha_m):
-            return parts
-        dt, v = parts.dt[:, None], recorder.arrays["v"][self._first :][: len(a)]
-        # Of q1 = q0 + dt v0 + ... and v1 = v0 + ..., without the rates at the start.
-        a_factor = dt**2 * (rates.gamma - 0.5 - rates.beta)
-        a0 = (parts.D - dt * v - dt**2 * (rates.beta - rates.gamma) * a) / a_factor
-        if not self._first:
-            a0[0] = a[0]
-        v0 = v - dt * ((1 - rates.gamma) * a0 + rates.gamma * a)
-        a += rates.alpha_m * (a0 - a)
-        if not self._first:
-            a0[0] = 0.0
-        return parts._replace(v=v0, a=a0)
+        if isinstance(rates, NewmarkRates) and rates.alpha_m:
+            rows = slice(not self._first, None)  # row 0 is no step
+            a[rows] += rates.alpha_m * (parts.a - a)[rows]
+        return parts
 
     def _dead(self) -> np.ndarray:
         """Dead loads (n, size) of elements in the sub-steps."""

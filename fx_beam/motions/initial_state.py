@@ -22,7 +22,7 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.model import Model, fact, massless_dofs
+from fx_beam.step.model import Model, fact, led_dofs, massless_dofs
 from fx_beam.step.newton import newton
 
 if TYPE_CHECKING:
@@ -168,6 +168,8 @@ class Starts:
         state = drawn_state(model) if start is None else start
         if start is None and model.data.natural:
             state.natural = model.data.natural.at(state.t)
+        if len(fact(model, led_dofs)):  # they have not moved before
+            state = state.changed(q_previous=None, driven_forces=None)
         needed = accelerations or fact(model, needs_accelerations)
         state, unbalanced = self._moving(state, needed)
         if unbalanced:

@@ -23,6 +23,7 @@ from fx_beam.scene.structure import Watch
 from fx_beam.step import full_turns
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.interrupts import NOTHING, ctrl_c_waits
+from fx_beam.step.model import fact, led_dofs
 from fx_beam.step.recorded_histories import RecordedHistories, driven_increments
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.substeps import LARGE_TURN
@@ -115,25 +116,30 @@ def warn_of_balance(scheme: Scheme, t: np.ndarray, energies: np.ndarray) -> None
 
 
 def warn_of_jumps(scheme: Scheme, forcing: Forcing, recorder: Recorder) -> None:
-    """Warn of a driven motion that jumps, where rates at ends of steps follow from earlier ones.
+    """Warn of a driven motion that jumps and moves what joints hold, by Newmark's family.
 
     It is one that moves ten times as fast as in the step before and in the next one.
     """
-    arrays, rows = recorder.arrays, recorder.rows
+    arrays, rows, model = recorder.arrays, recorder.rows, forcing.model
     if scheme.rates.mean_based or not forcing.functions or rows < 4:
         return
-    model = forcing.model
+    entries, held = (
+        model.couplings.all_entries,
+        model.couplings.free + np.arange(len(forcing.names)),
+    )
+    others = entries.column[~np.isin(entries.row, fact(model, led_dofs))]
+    passes_on = np.isin(held, others) | bool(model.couplings.auxiliaries)
     moved = abs(driven_increments(model, arrays["q"][:rows], arrays["slides"][:rows]))
     beside = moved[1:].copy()
     np.maximum(beside[1:], moved[:-2], out=beside[1:])
     jumps = moved[:-1] > np.maximum(_AT_ONCE * beside, _NO_MOTION * model.mesh.size)
+    jumps &= passes_on
     if jumps.any():
         step, column = np.argwhere(jumps)[0]
         _log.warning(
-            "simulate: %s jumps in the step to t = %.6g. With %s, rates and accelerations of what "
-            "it moves and of masses beside it, and reactions and motor forces there, are wrong "
-            "from then on; displacements are right. Let it move over many steps, or take "
-            "EnergyMomentum",
+            "simulate: %s jumps in the step to t = %.6g. With %s, rates and accelerations of "
+            "masses that joints couple to it, and forces there, are wrong from then on; "
+            "displacements are right. Let it move over many steps, or take EnergyMomentum",
             *(forcing.names[column], recorder.t[step + 1], scheme.name),
         )
 

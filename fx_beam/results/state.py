@@ -91,6 +91,8 @@ class SteppedState:
     contact_forces: np.ndarray | None = _array("contacts", 2, record="forces", mean=True)
     line_forces: np.ndarray | None = _array("lines", record="forces", mean=True)
     added_forces: np.ndarray | None = _array("added dofs")
+    #: Forces of driven columns in the last step, without the inertia of what they alone move.
+    driven_forces: np.ndarray | None = _array("kept driven")
     #: Parameters in functions of the user.
     parameters: np.ndarray | None = _array("parameters", record="always")
     #: Work and dissipated energy since the start [J].
@@ -99,10 +101,11 @@ class SteppedState:
     #: Part of it that the scheme took, and energy that the scheme holds for the next step [J].
     numerical: float = 0.0
     algorithmic: float = 0.0
-    #: The configuration at the start of the step that ended here, and its length [s]; only for
-    #: schemes that need them.
+    #: The configuration at the start of the step that ended here, only for schemes that need it;
+    #: the length of this step, and of the one before [s].
     q_previous: np.ndarray | None = _array("kept dofs")
     length: float = 0.0
+    length_before: float = 0.0
     #: Internal variables at the Gauss points, and of the springs of joints in their order.
     internal: np.ndarray | None = _array("cells", "points", "variables", record="motion")
     spring_internal: np.ndarray | None = _array("spring variables", record="motion")

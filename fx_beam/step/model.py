@@ -21,6 +21,7 @@ from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import Mesh, build_mesh
 from fx_beam.fem.scene_data import Data, FormData, arms_of, form_data
+from fx_beam.laws.rates import NewmarkRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
 from fx_beam.scene.beam import Beam
@@ -334,6 +335,32 @@ def massless_dofs(model: Model) -> np.ndarray:
     return ~np.isin(rates, rates[heavy])
 
 
+def led_dofs(model: Model) -> np.ndarray:
+    """Degrees of freedom that driven motions alone move, in schemes of Newmark's family."""
+    couplings = model.couplings
+    if not isinstance(model.scheme.rates, NewmarkRates) or not couplings.driven:
+        return np.empty(0, dtype=int)
+    held = np.zeros(couplings.columns, dtype=bool)
+    held[couplings.free : couplings.independent] = True
+    for auxiliary in couplings.auxiliaries:
+        held = np.append(held, all(held[column] for column, _, _ in auxiliary.entries))
+    row, column, _, _ = couplings.all_entries
+    return np.setdiff1d(row, row[~held[column]])
+
+
+def need_rates(model: Model) -> bool:
+    """Whether forces of beams are evaluated with the rates at the starts of steps."""
+    beams, rates = model.forms.beams, model.scheme.rates
+    if beams is None or beams.facts.resultants_need_rates:
+        return beams is not None
+    return isinstance(rates, NewmarkRates) and (beams.depend_on_rates or rates.alpha_m != 0)
+
+
+def keeps_previous(model: Model) -> bool:
+    """Whether steps depend on the start of the step before."""
+    return model.forms.keeps_previous or len(fact(model, led_dofs)) > 0
+
+
 def fact(model: Model, find: Callable[[Model], T]) -> T:
     """What a function finds of the structure of a model, once for all runs of its program."""
     if find not in model.facts:
@@ -359,7 +386,8 @@ def sizes_of(model: Model) -> dict[str, int]:
         "contacts": model.points.contacts,
         "parameters": len(forms.parameters),
         "added dofs": model.size if forms.has_added else 0,
-        "kept dofs": model.size if forms.keeps_previous else 0,
+        "kept driven": reduction.driven if len(fact(model, led_dofs)) else 0,
+        "kept dofs": model.size if keeps_previous(model) else 0,
         "cells": cells,
         "points": points,
         "variables": variables,

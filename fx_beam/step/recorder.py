@@ -15,7 +15,7 @@ import numpy as np
 from fx_beam.errors import SceneError, any_of, check_fields, flag, real_array, require, whole
 from fx_beam.results.state import ROWS, State
 
-from .model import Model, fact, widths_of
+from .model import Model, fact, need_rates, widths_of
 
 if TYPE_CHECKING:
     from .state_vector import StateCopy
@@ -42,10 +42,10 @@ def _starts(model: Model, motion: bool, rates: bool) -> dict[str, np.ndarray]:
 
     Of forces that are not at mid-step only the last part of a step counts.
     """
-    forms, beams, needed = model.forms, model.forms.beams, {"share": 0}
+    forms, needed = model.forms, {"share": 0}
     if motion:
         needed["start_q"] = model.size
-        if rates and beams is not None and beams.facts.resultants_need_rates:
+        if rates and fact(model, need_rates):
             needed |= {"start_v": model.size, "start_a": model.size}
         if width := math.prod(forms.internal_shape):
             needed["start_internal"] = width

@@ -8,6 +8,7 @@ import numpy as np
 
 from fx_beam.laws.interval import INSTANT, StepBatch
 
+from .model import fact, need_rates
 from .recorded_histories import RecordedHistories, fitted
 from .recorder import Recorder
 
@@ -104,7 +105,7 @@ class RowSteps:
                 D[0] = dt[0] * recorder.first.v
                 q[0] -= level * D[0]
         parts = StepBatch(t, dt, D, q)
-        names = [*("v", "a")[: 2 * beams.facts.resultants_need_rates]]
+        names = [*("v", "a")[: 2 * fact(model, need_rates)]]
         names += ["internal"] * (beams.internal_shape[-1] > 0)
         names += ["natural"] * bool(model.data.natural)
         batch_arrays = {name: begins(name) for name in names}

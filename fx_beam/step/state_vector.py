@@ -103,14 +103,14 @@ class StateVector:
             for name, zeros in self._blank.items()
         ]
         np.concatenate(arrays, axis=None, out=self._of_state)
-        if p.tables.scheme.keeps_previous and state.q_previous is None:
-            self.arrays["q_previous"][:] = state.q
         if len(state.motors):
             self._driven[len(self._model.prescribed) :] = state.motors
         p.work.state.steps_done = state.constraint_forces is not None
         p.work.state.forces_found = state.joint_forces is not None
         for name in NUMBERS:
             setattr(p.work.state, name, values[name])
+        if p.tables.scheme.keeps_previous and state.q_previous is None:
+            self.arrays["q_previous"][:], p.work.state.length = state.q, 0.0
 
     @property
     def t(self) -> float:

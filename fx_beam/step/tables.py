@@ -23,7 +23,7 @@ from fx_beam.scene.beam import gauss_rule
 from .block import Block, BlockPlan, aligned_zeros
 from .build import begin_to_build, load_library
 from .form_tables import FORMS, FormTables
-from .model import Model, fact, massless_dofs, sizes_of
+from .model import Model, fact, keeps_previous, led_dofs, massless_dofs, sizes_of
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE
 from .state_vector import StateVector
 from .substeps import LARGE_TURN
@@ -375,7 +375,7 @@ def _scheme(storage: TangentStorage) -> dict[str, object]:
         "level": rates.level,
         "at_rest": rates.at_rest or not kind.inert,
         **rates.constants,
-        "keeps_previous": model.forms.keeps_previous,
+        "keeps_previous": keeps_previous(model),
         "sub_steps": len(fractions),
         "fractions": fractions,
     }
@@ -393,6 +393,8 @@ def _motors(model: Model) -> dict[str, object]:
         "a": [-1] * len(prescribed) + [rotation_of(joint.a) for joint, _ in motors],
         "b": prescribed + [rotation_of(joint.b) for joint, _ in motors],
         "slides": [0] * len(prescribed) + [name == "slide" for _, name in motors],
+        "led": len(led := fact(model, led_dofs)),
+        "led_dof": led,
     }
 
 

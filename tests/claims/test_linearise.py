@@ -242,7 +242,10 @@ def crank_and_bob(turn):
 TURN = np.polynomial.Polynomial([0, 0, 2, 30])
 
 
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.MidPoint(order=4), fb.EnergyDecaying()])
+@pytest.mark.parametrize(
+    "scheme",
+    [fb.EnergyMomentum(), fb.MidPoint(order=4), fb.EnergyDecaying(), fb.Newmark(), fb.HHT()],
+)
 def test_a_pendulum_on_a_driven_crank_has_the_stiffness_of_the_cranks_acceleration(scheme):
     """That of the instant, not of the middle of the last step."""
     scene, slope = crank_and_bob(TURN)

@@ -812,6 +812,9 @@ SCHEMES = {
 }
 for _name, _scheme in SCHEMES.items():
     SCENES[_name] = Case(_name, lambda x: hung(x, fb.Revolute), scheme=_scheme)
+SCENES["driven by newmark's family"] = Case(
+    "driven by newmark's family", prescribed_motion, SCHEMES["generalized alpha"], dt=0.0025
+)
 # Its first step is predicted by the rates, else it takes tens of iterations and is halved.
 SCENES["sleeve by order four"] = Case(
     "sleeve by order four", sleeve_on_an_arc, SCHEMES["order four"], steps=8

@@ -22,7 +22,11 @@ def at_rest(scene):
 
 
 #: Schemes of the Newmark family have no derivatives.
-CASES = {name: (name, {}) for name in SCENES if name not in ("newmark", "hht", "generalized alpha")}
+CASES = {
+    name: (name, {})
+    for name, case in SCENES.items()
+    if not isinstance(case.scheme().rates, fb.NewmarkRates)
+}
 #: Other rows, lengths of steps, and schemes, of scenes with what these meet.
 CASES |= {
     "natural strains, from rest": ("natural strains", {"start": at_rest, "without": ("work",)}),

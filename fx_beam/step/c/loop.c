@@ -84,10 +84,30 @@ static double work_of_change(const Tables *p, const Numbers *s, const Work *w, c
   return (after - before) / (1 + half);
 }
 
+/* Forces of the last residual without the inertia of the masses of `led_dof` alone. The work on these is the change of their kinetic
+   energy, which is added. */
+static const double *audit_led(const Tables *p, const Numbers *s, Work *w) {
+  double *forces = w->correction, *a = w->scratch, *change = w->path, v0, a0;
+  memset(a, 0, p->dofs * sizeof(double)), memset(change, 0, p->dofs * sizeof(double));
+  for (int k = 0, i; k < p->motors.led; ++k) {
+    i = p->motors.led_dof[k], v0 = w->state.v[i], a0 = w->state.a[i];
+    Led end = lead(&p->scheme, &w->state, i, w->D[i], v0, a0, w->dt);
+    a[i] = (1 - p->scheme.alpha_m) * end.acceleration + p->scheme.alpha_m * a0, change[i] = end.rate - v0;
+  }
+  times_mass(p, s, change, w->passed);
+  for (int k = 0, i; k < p->motors.led; ++k) i = p->motors.led_dof[k], w->state.work += w->passed[i] * (w->state.v[i] + change[i] / 2);
+  times_mass(p, s, a, w->passed);
+  memcpy(forces, w->r, p->dofs * sizeof(double)), memcpy(change, w->D, p->dofs * sizeof(double));
+  for (int k = 0, i; k < p->motors.led; ++k) i = p->motors.led_dof[k], forces[i] -= w->passed[i];
+  return forces;
+}
+
 /* Adds the work of dead loads, driven motion and added forces, and the losses of dampers, material,
    drag and contact. */
 static void audit(const Tables *p, const Numbers *s, Work *w, const double *change) {
   int n = p->dofs, constrained = p->columns - p->free;
+  int led = p->motors.led > 0;
+  double *last = led ? w->state.driven_forces : w->state.constraint_forces;
   w->state.work += dot(n, w->dead, w->path);
   w->state.dissipated += fx_lost_at_points(s->points, w->D, w->z);
   w->state.work += sum_over_elements(p, s, w, &s->forms.actuated);
@@ -98,11 +118,12 @@ static void audit(const Tables *p, const Numbers *s, Work *w, const double *chan
   if (p->parameters.energies_vary && s->forms.held_before.integrals)
     w->state.work += sum_over_elements(p, s, w, &s->forms.held_before) - w->state.algorithmic;
   w->state.algorithmic = sum_over_elements(p, s, w, &s->forms.held_by_scheme);
-  project(p, s->points, w, w->r, w->reduced);
+  project(p, s->points, w, led ? audit_led(p, s, w) : w->r, w->reduced);
   for (int i = 0; i < p->driven; ++i) {
     double along = p->motors.slides[i] ? change[i] : at(w->path, p->motors.b[i]) - at(w->path, p->motors.a[i]);
-    w->state.work += mid(&p->scheme, &w->state, w->reduced[p->free + i], w->state.constraint_forces[i]) * along;
+    w->state.work += mid(&p->scheme, &w->state, w->reduced[p->free + i], last[i]) * along;
   }
+  if (led) memcpy(last, w->reduced + p->free, p->driven * sizeof(double)), project(p, s->points, w, w->r, w->reduced);
   scale(constrained, w->state.earlier, w->state.constraint_forces);
   add_times(constrained, w->state.share, w->reduced + p->free, w->state.constraint_forces);
   if (p->has_added) {
@@ -200,7 +221,7 @@ static void advance(const Tables *p, const Numbers *s, Work *w, const Inputs *in
   evolve_points(s->points, w->D, w->z, w->state.spring_internal);
   advance_rates(p, w, w->dt);
   if (p->scheme.keeps_previous) memcpy(w->state.q_previous, w->state.q, p->dofs * sizeof(double));
-  w->state.length = w->dt;
+  w->state.length_before = w->state.length > 0 ? w->state.length : w->dt, w->state.length = w->dt;
   add_times(p->dofs, 1, w->D, w->state.q);
   for (int j = 0; HAS(COUPLED) && j < p->joints.count; ++j)
     if (p->joints.slide_column[j] >= 0) w->state.slides[p->joints.number[j]] += w->z[p->joints.slide_column[j]];

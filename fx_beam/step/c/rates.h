@@ -33,6 +33,21 @@ static double newmark_end(const Scheme *scheme, double D, double v0, double a0, 
   return (D - dt * v0) / (scheme->beta * dt * dt) - (1 / (2 * scheme->beta) - 1) * a0;
 }
 
+/* Rate and acceleration at the end of a step of a degree of freedom that driven motions alone move, and the derivative of the
+   acceleration by the increment: by the parabola and the cubic through its last places. Accelerations are as late as those of
+   the other masses: that of the equation is at the level of the forces. Newmark's recursion would repeat each error in all
+   further steps, with alternating signs. */
+typedef struct { double rate, acceleration, slope; } Led;
+
+static Led lead(const Scheme *scheme, const State *state, int i, double D, double v0, double a0, double dt) {
+  int starts = !(state->length > 0);
+  double before = starts ? dt : state->length, earlier = starts ? dt : state->length_before;
+  double rate0 = starts ? v0 - dt / 2 * a0 : (state->q[i] - state->q_previous[i]) / before, rate1 = D / dt;
+  double bend0 = (v0 - rate0) / before, bend1 = (rate1 - rate0) / (before + dt);
+  double late = (1 - scheme->level - scheme->alpha_m) * dt, reach = (before + 2 * dt - 3 * late) / (earlier + before + dt);
+  return (Led){rate1 + dt * bend1, 2 * (bend1 + reach * (bend1 - bend0)), 2 * (1 + reach) / (dt * (before + dt))};
+}
+
 /* Values of the user's rule at all nodes (compiled_laws.py): acceleration, its derivatives by the
    increment, and rates and accelerations at the end of the step. */
 static void evaluate_rule(const Tables *p, const Work *w, double dt) {
@@ -75,6 +90,12 @@ HOT void acceleration(const Tables *p, const Frame *frame, const Work *w, double
       double a1 = newmark_end(&p->scheme, w->D[i], v[i], w->state.a[i], dt);
       acc[i] = (1 - p->scheme.alpha_m) * a1 + p->scheme.alpha_m * w->state.a[i];
     }
+  for (int k = 0; k < p->motors.led; ++k) {
+    int i = p->motors.led_dof[k];
+    Led end = lead(&p->scheme, &w->state, i, w->D[i], v[i], w->state.a[i], dt);
+    acc[i] = (1 - p->scheme.alpha_m) * end.acceleration + p->scheme.alpha_m * w->state.a[i];
+    w->slope[i] = end.slope * p->scheme.beta * dt * dt; /* relative to `steepness` */
+  }
 }
 
 /* Derivative of the acceleration with respect to the increment of `work_increment`. */
@@ -111,5 +132,10 @@ HOT void advance_rates(const Tables *p, Work *w, double dt) {
     v[i] = per_dt * path[i], a[i] = per_dt * (v[i] - v0[i]);
     /* Newmark's formulas take v as that at the end: the mean, and half a step with the acceleration since the mean before. */
     if (newmark) a[i] = (2 * (v[i] - v0[i]) + w->state.length * a0[i]) / (dt + w->state.length), v[i] += dt / 2 * a[i];
+  }
+  for (int k = 0; k < p->motors.led; ++k) {
+    int i = p->motors.led_dof[k];
+    Led end = lead(&p->scheme, &w->state, i, w->D[i], v0[i], a0[i], dt);
+    v[i] = end.rate, a[i] = end.acceleration;
   }
 }

@@ -177,8 +177,9 @@ typedef struct {
 } NewtonOptions;
 
 /* Driven columns: those of prescribed degrees of freedom, so many, then motors. Degrees of freedom a and b between which their
-   forces do work (-1: the ground), b the prescribed one; but for motors on slides. */
-typedef struct { int prescribed; const int *a, *b, *slides; } Motors;
+   forces do work (-1: the ground), b the prescribed one; but for motors on slides. Degrees of freedom that Newmark's family leads
+   by the rates of driven motions, which alone move them. */
+typedef struct { int prescribed, led; const int *a, *b, *slides, *led_dof; } Motors;
 
 /* How forces of joints pass through these from the nodes that follow to those that lead (-1: none), the former first; first
    displacements, then rotations. `joints` are all of the scene. */
