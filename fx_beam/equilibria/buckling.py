@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse
@@ -24,6 +26,8 @@ from .small_loads import SmallLoads
 from .static_options import StaticOptions
 from .statics import LoadPath
 
+_log = logging.getLogger("fx_beam")
+
 # Number of unknowns up to which matrices are full.
 _FULL = 60
 # Part of a rough value of the lowest load factor about which the lowest ones are sought.
@@ -33,6 +37,8 @@ _BELOW = 0.9
 _NONE = 1e6
 # Rotation or strain by first order at a load factor beyond which all of it is round-off.
 _MOST = 1e5
+# Strain of an element along its chord before it buckles that is too large to be neglected.
+_STRAINED = 0.1
 
 
 def buckling(
@@ -107,11 +113,32 @@ def _modes(path: LoadPath, n: int) -> BucklingModes:
     check_forces(path.model)
     small, motions = SmallLoads("buckling", path.stepper, first), path.stepper.motions
     factors, vectors = _lowest(small, path.stepper, n)
+    _warn_of_strains(small, path.model, factors)
     zeros = np.zeros(len(factors))
     motions.stiffness(first)  # the couplings are then those of the state
     shapes = motions.coupling() @ vectors
     modes = modes_of(path.model, small.state.q, shapes, zeros, zeros > 0, zeros, zeros * 1j)
     return BucklingModes(factors, modes)
+
+
+def _warn_of_strains(small: SmallLoads, model: Model, factors: np.ndarray) -> None:
+    """Warn of load factors before which elements are stretched or shortened much."""
+    ends = model.mesh.elements[:, [0, -1]]
+    if not len(ends):
+        return
+    places = model.mesh.X + small.state.q.reshape(-1, 3)[:, :2]
+    chords, moved = (np.diff(x[ends], axis=1)[:, 0] for x in (places, small.D.reshape(-1, 3)))
+    strains = np.sum(chords * moved[:, :2], axis=1) / np.sum(chords**2, axis=1)
+    most = int(abs(strains).argmax())
+    for factor in factors[abs(strains[most]) * factors > _STRAINED][:1].tolist():
+        strain, beam = factor * strains[most], model.scene.beams[model.mesh.beam_of_cell[most]]
+        _log.warning(
+            "buckling: at the load factor %.4g and above, beam %r would be %s by %.0f %% before it "
+            "buckles, which linear buckling neglects%s. Take fx_beam.static, which finds "
+            "critical_points",
+            *(factor, beam.name, "stretched" if strain > 0 else "shortened", 100 * abs(strain)),
+            ". What is in tension buckles by shear only, near N = GA" if strain > 0 else "",
+        )
 
 
 def _check_state(solution: Solution, model: Model) -> None:

@@ -328,6 +328,23 @@ def test_what_has_no_buckling_load_is_refused(make, message, elements):
     assert_refused(message, fb.buckling, scene)
 
 
+@pytest.mark.parametrize("degree", [1, 3])
+def test_a_bar_in_tension_buckles_by_shear_alone_which_is_said(caplog, degree):
+    """Its factor is that of N = GA, where steel would be stretched by a third."""
+    section = fb.Section.rectangle(0.01, 0.02, *fb.materials.steel)
+    scene, bar = one_bar((1, 0), section, 8, degree)
+    scene.clamp(bar.start)
+    load = scene.add_force(bar.end, (section.GA, 0.0))
+    assert fb.buckling(scene, n=1).load_factors == pytest.approx([1.0], rel=1e-3)
+    assert "stretched by 32 %" in caplog.text and "by shear only, near N = GA" in caplog.text
+    caplog.clear()
+    scene.change(load, (-1.0, 0.0))
+    assert fb.buckling(scene, n=4).load_factors[0] == pytest.approx(
+        EULER / 4 * section.EI, rel=1e-2
+    )
+    assert not caplog.records
+
+
 def test_a_state_that_is_unstable_is_refused():
     scene, beam = column()
     two_hinges(scene, beam)
