@@ -12,11 +12,14 @@ import numpy as np
 
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError, StepError, as_float, is_number, is_whole, require, shown
-from fx_beam.motions.initial_state import rates_of_columns
+from fx_beam.laws.schemes import Equilibrium
+from fx_beam.motions.initial_state import rates_of_columns, reference_state
+from fx_beam.motions.prepared import model_for
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import Modes
 from fx_beam.scene.beam import Beam, Node, inner_positions, lengths_to_ends
+from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.step_failures import StepFailed
@@ -123,7 +126,7 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     Parameters
     ----------
     scene : Scene
-        The perfect scene, of beams that are joined at nodes, without bodies.
+        The perfect scene. What is rigid, such as bodies and the arms of ribs, turns and moves.
     modes : Modes
         Modes of this scene: of a critical point, or of `modes`.
     size : float
@@ -140,8 +143,8 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     Raises
     ------
     SceneError
-        If the modes belong to another scene, or if joints have offsets, guides or sleeves, whose
-        arms would change.
+        If the modes belong to another scene, for joints with a guide or sleeve, whose slides would
+        start elsewhere, and joints that were made at a solution.
 
     Examples
     --------
@@ -166,20 +169,35 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     X = np.vstack([nodes, *(floats(inner_positions(beam)) for beam in scene.beams)])
     if len(X) != len(modes.positions) or {*modes.beams} != {beam.name for beam in scene.beams}:
         raise SceneError("imperfect: the modes belong to another scene, with other nodes")
-    if scene.bodies or any(not joint.is_selection for joint in scene.joints):
+    if any(joint.slide is not None or joint.place is not None for joint in scene.joints):
         raise SceneError(
-            "imperfect: bodies, and joints with offsets or guides, are rigid. Give the scene its "
-            "imperfect shape when you build it"
+            "imperfect: joints with a guide or sleeve, or made at a solution, would start from "
+            "other slides and angles. Give the scene its imperfect shape when you build it"
         )
-    moved = modes.shapes[mode, :, :2].real
-    X += as_float(size) / np.hypot(*moved.T).max() * moved
-    # Other parts refer to nodes and beams, which a copy takes from here.
-    copies: dict[int, Any] = {}
+    D = _displaced(scene, modes.shapes[mode].real, as_float(size))
+    X += D[:, :2]
+    # Other parts refer to nodes, beams and joints, which a copy takes from here.
+    copies: dict[int, Any] = {id(GROUND): GROUND}
     for node, (x, y) in zip(scene.nodes, X.tolist(), strict=False):
         copies[id(node)] = Node(node.number, x, y)
     for beam in scene.beams:
         copies[id(beam)] = _bent(beam, X[modes.nodes_of_beam[beam.name]], copies)
+    for joint in scene.joints:
+        own = copy.deepcopy(joint, copies)
+        if joint.a is not GROUND:
+            c, s = np.cos(turn := D[joint.a.number, 2]), np.sin(turn)
+            copies[id(joint)] = replace(own, offset=np.array([[c, -s], [s, c]]) @ own.offset)
     return copy.deepcopy(scene, copies)
+
+
+def _displaced(scene: Scene, shape: np.ndarray, size: float) -> np.ndarray:
+    """Displacements and rotations (n, 3) by a mode (n, 3), with which rigid parts stay rigid."""
+    model = model_for(scene, Equilibrium(), settles=True)
+    start, reduction = reference_state(model), model.reduction
+    scaled = size / np.hypot(*shape[:, :2].T).max() * shape
+    reduction.begin(start.q, start.slides)
+    y = unknowns_of(model, start, scaled.ravel())
+    return reduction.increment(y, np.zeros(reduction.driven)).reshape(-1, 3)
 
 
 def _bent(beam: Beam, X: np.ndarray, copies: dict[int, Any]) -> Beam:
@@ -189,6 +207,7 @@ def _bent(beam: Beam, X: np.ndarray, copies: dict[int, Any]) -> Beam:
     return replace(
         beam,
         nodes=tuple(copies[id(node)] for node in beam.nodes),
+        carriers=tuple(copies[id(node)] for node in beam.carriers),
         section=copy.deepcopy(beam.section, copies),
         s=lengths_to_ends(elements),
         fractions=beam.s / beam.length if beam.fractions is None else beam.fractions,

@@ -150,6 +150,71 @@ def test_an_imperfect_path_nears_the_branch():
     assert path.stable.all() and scene.beams[0].node(0.5).x == 0
 
 
+SOFT = fb.Section(EA=1e4, GA=1e4, EI=1.0)
+
+
+def with_a_body():
+    """A column of two halves with a rigid block between them, whose centre is beside its axis."""
+    scene = fb.Scene()
+    lower = scene.add_beam([(0, 0), (0, 0.4)], SOFT, elements=6)
+    points = {"foot": lower.end, "top": (0, 0.6), "side": (0.2, 0.5)}
+    block = scene.add_body((0.1, 0.5), 1.0, 0.1, points=points)
+    return scene, lower, scene.add_beam([block["top"], (0, 1.3)], SOFT, elements=9)
+
+
+def with_a_hinged_body():
+    scene = fb.Scene()
+    lower = scene.add_beam([(0, 0), (0, 0.4)], SOFT, elements=6)
+    points = {"foot": (0, 0.4), "top": (0, 0.6)}
+    block = scene.add_body((0.1, 0.5), 1.0, 0.1, points=points)
+    scene.add_joint(fb.Revolute(lower.end, block["foot"], spring=fb.Spring(50.0)))
+    return scene, lower, scene.add_beam([block["top"], (0, 1.3)], SOFT, elements=9)
+
+
+def with_ribs():
+    scene = fb.Scene()
+    lower = scene.add_beam([(0, 0), (0, 0.4)], SOFT, elements=6)
+    for side in (-0.03, 0.03):
+        scene.add_beam([*lower.nodes], fb.Section(50.0, 50.0, 0.1), elements=6, offset=side)
+    return scene, lower, scene.add_beam([lower.end, (0, 1)], SOFT, elements=9)
+
+
+@pytest.mark.parametrize("build", [with_a_body, with_a_hinged_body, with_ribs])
+def test_imperfect_columns_with_rigid_parts_deflect_as_southwell_says(build):
+    """w0 grows to w0 / (1 - P / Pcr); what is rigid keeps its lengths, and nothing is stressed."""
+    scene, lower, upper = build()
+    scene.pin(lower.start)
+    scene.fix(upper.end, "x")
+    scene.add_force(upper.end, (0, -2.0))
+    perfect = fb.buckling(scene, n=1)
+    (critical,), size = perfect.load_factors, 1e-3
+    crooked = fb.imperfect(scene, perfect.modes, size)
+    for joint, old in zip(crooked.joints, scene.joints, strict=True):
+        assert np.hypot(*joint.offset) == pytest.approx(np.hypot(*old.offset), rel=1e-14)
+    bent = fb.static(crooked, load_steps=2)
+    assert not bent.q[0].any() and abs(bent.reaction(crooked.beams[0].start)[0]).max() < 1e-12
+    start = crooked.nodes[lower.end.number].x
+    assert abs(start) > 0.5 * size
+    moved = bent.displacement(crooked.nodes[lower.end.number])[-1, 0]
+    assert moved == pytest.approx(start / (critical - 1), rel=0.01)
+    if scene.bodies:  # it turns with the mode, as rigid bodies do
+        body, moved = crooked.bodies[0], perfect.modes.shapes[0]
+        largest = np.hypot(*moved[:, :2].T).max()
+        angle = size / largest * moved[body.centre.number, 2]
+        arm = np.array([body["top"].x - body.centre.x, body["top"].y - body.centre.y])
+        assert abs(angle) > 1e-4
+        assert arm == pytest.approx([-0.1 - 0.1 * angle, 0.1 - 0.1 * angle], abs=angle**2)
+
+
+def test_imperfect_scenes_have_no_guides():
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (0, 1)], SOFT, elements=4)
+    scene.clamp(bar.start)
+    scene.add_joint(fb.Prismatic(fb.GROUND, bar.end, axis=(0, 1)))
+    scene.add_force(bar.end, (0, -1.0))
+    assert_refused("guide or sleeve", fb.imperfect, scene, fb.buckling(scene, n=1).modes, 1e-3)
+
+
 def test_a_motion_snaps_from_a_limit_point():
     """Under a little more than the limit load the arch falls through; under less it stays."""
     scene, top = low_arch()
