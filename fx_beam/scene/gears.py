@@ -45,7 +45,8 @@ class Gear:
     spring, damper : Spring, Damper, optional
         On the difference of the angles: a moment on b of `joint_b` [N m/rad, N m s/rad].
     friction : SmoothFriction, optional
-        On the difference of the angles.
+        On the difference of the angles. A loss in proportion to the force of the teeth, by an
+        efficiency, is not known: the relation has no force before the step is solved.
     stop : Stop or (lower, upper, stiffness), optional
         Play of the difference [rad], and the stiffness of the teeth [N m/rad].
     driven : {"rotation", "slide"}
