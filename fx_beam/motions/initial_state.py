@@ -19,7 +19,7 @@ from fx_beam.laws.interval import INSTANT, Interval, instant
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import NUMBERS, Past, State
 from fx_beam.scene.beam import COMPONENTS
-from fx_beam.scene.joints import slides_at_start
+from fx_beam.scene.joints import GROUND, joints_by_number, slides_at_start
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model, fact, led_dofs, massless_dofs
@@ -387,11 +387,13 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
     SceneError if they violate a support or a joint and the scene does not project them.
     """
     scene, moves = model.scene, any_of(state.v)
-    if not (moves or scene.velocities or any_of(driven)):
+    if not (moves or scene.velocities or scene.rates or any_of(driven)):
         return np.zeros(model.reduction.columns), np.zeros(model.size)
     v = state.v.copy() if moves else floats(given_velocity(model))
     project = scene.projects_velocities
     w = (projected_rates if project else rates_of_columns)(model, state, v, driven)
+    if scene.rates and not moves:
+        w = w + _changes_to_rates(model, state, w)
     compatible = model.reduction.maps.to_nodes(w)
     if project or (not scene.prescribed and all_of(compatible == v)):
         return w, compatible
@@ -417,6 +419,35 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
         w = w + _after_blow(model, struck)
         compatible = model.reduction.maps.to_nodes(w)
     return w, compatible
+
+
+def _changes_to_rates(model: Model, state: State, w: np.ndarray) -> np.ndarray:
+    """Least changes of rates w (columns,), in the norm of the mass, for rates of joints as set."""
+    from fx_beam.step.accelerations import accelerations
+
+    maps, mesh, free = model.reduction.maps, model.mesh, model.reduction.free
+    joints = joints_by_number(model.scene)
+    rates = {joints[n]: rate for n, rate in model.scene.rates.items() if n in joints}
+    # The rate of each joint by those of all nodes (size,), and the changes by a unit impulse on it.
+    rows, changes = np.zeros((len(rates), model.size)), np.zeros((len(rates), len(w)))
+    for joint, row, change in zip(rates, rows, changes, strict=True):
+        dofs = mesh.dofs[[node.number for node in (joint.a, joint.b) if node is not GROUND]].ravel()
+        q, v = np.tile(state.q, (len(dofs), 1)), np.zeros((len(dofs), model.size))
+        v[np.arange(len(dofs)), dofs] = 1.0
+        slides = np.full(len(dofs), state.slides[joint.number])
+        row[dofs] = joint.kinematics.rate(mesh.motion(model.scene, q=q, v=v), slides)
+        change[:free] = accelerations(model, maps.transpose_to_nodes(row)[:free])[0]
+        change[:] = maps.with_dependent(change)
+    mobility = rows @ np.reshape([maps.to_nodes(change) for change in changes], rows.shape).T
+    missing = [*rates.values()] - rows @ maps.to_nodes(w)
+    parts = np.linalg.lstsq(mobility, missing, rcond=None)[0]
+    for joint, rate, left in zip(rates, missing, abs(mobility @ parts - missing), strict=True):
+        if left > 1e-8 * max(abs(rate), abs(rates[joint])):
+            raise SceneError(
+                f"set_rate: {joint} cannot start with the rate {rates[joint]:g}: no mass moves "
+                "with it, or other rates or supports exclude it"
+            )
+    return parts @ changes
 
 
 def _after_blow(model: Model, struck: np.ndarray) -> np.ndarray:
@@ -495,6 +526,8 @@ def rates_with_slopes(
 
     The `numbers` are those of the scene.
     """
+    if model.scene.rates:
+        raise TypeError("rates of joints at the start have no slopes")
     rates: Any = given_velocity(model)
     driven: Any = forcing.derivatives(state.t, 1e-3 * dt)[0]
     if not (isinstance(rates, Dual) or isinstance(driven, Dual) or any_of(state.v)):

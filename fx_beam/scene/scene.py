@@ -116,6 +116,8 @@ class Scene:
         self.forces_between: list[ForceBetween] = []
         #: Contacts and forces between points that were ever added: their numbers stay as well.
         self.contact_count = self.force_count = 0
+        # Initial rates of joints by their numbers.
+        self.rates: dict[int, float] = {}
         # Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
         #: What is known of functions that are called with arrays; None if none is.
@@ -576,7 +578,8 @@ class Scene:
     def make_velocities_compatible(self) -> None:
         """Project initial velocities that violate a joint or a support, instead of an error.
 
-        The projection gives the nearest velocities in the norm of the mass matrix.
+        The projection gives the nearest velocities in the norm of the mass matrix, with the rates
+        of joints that `set_rate` gives.
         """
         self.projects_velocities = True
 
@@ -1640,6 +1643,47 @@ class Scene:
         self.velocities += [
             loads.initial_velocity(part, velocity, spin) for part in (target, *carriers)
         ]
+
+    def set_rate(self, joint: Joint, rate: float) -> None:
+        """Set the rate of a joint at t = 0.
+
+        All other velocities are then made compatible: those that are nearest to the ones of
+        `set_velocity`, without which the scene is at rest, in the norm of the mass matrix.
+
+        Parameters
+        ----------
+        joint : Joint
+            A joint of this scene without motor, but no sleeve on a beam.
+        rate : float
+            Rate of its slide [m/s] if it has one, else of its angle [rad/s], that of b relative to
+            a; as of `JointMotion.rate`. Derivatives of such starts are differences.
+
+        Raises
+        ------
+        SceneError
+            For a joint that this scene does not have, or that has no such rate; `simulate`, if no
+            mass moves with it, or if rates of several joints exclude each other.
+
+        Examples
+        --------
+        Two rods in a row: the hinge between them opens, and nothing else gives momentum.
+
+        >>> import fx_beam as fb
+        >>> scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=1e2, rhoA=1.0, rhoI=1e-3)
+        >>> rods = [scene.add_beam([(0, 0), (x, 0)], section, elements=4) for x in (-1, 1)]
+        >>> hinge = scene.add_joint(fb.Revolute(rods[0].start, rods[1].start))
+        >>> scene.set_rate(hinge, 2.0)
+        >>> motion = fb.simulate(scene, dt=1e-3, t_end=1e-3)
+        >>> float(motion.joint(hinge).spin[0].round(9)), motion.momentum[0].round(9) + 0.0
+        (2.0, array([0., 0.]))
+        """
+        own = joint_of(self, joint, "set_rate")
+        name = "rotation" if own.axis is None else "slide"
+        ok = not own.on_beam and own.coordinates.get(name) is not None and name not in own.driven
+        require(ok, "set_rate: joint", joint, "a Revolute, Prismatic or PinInSlot without motor")
+        self.rates[own.number] = finite(rate, f"set_rate: rate of {own}")
+        self.make_velocities_compatible()
+        self.changes += 1
 
     def _nodes_at(self, ends: list, name: str) -> tuple[Node, ...]:
         """Nodes at the ends of elements; an end that is a node belongs to another beam, too."""

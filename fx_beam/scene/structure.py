@@ -51,7 +51,7 @@ def expressions_of(scene: Scene) -> Iterator[tuple[str, object]]:
 # Attributes of a scene of which only the kind must be the same, as of fields that are marked by
 # `IS_DATA`: an array keeps its shape, a function of time or place stays one or becomes a number,
 # and None stays None. Functions of a user in UFL are among them, as what they give is compared.
-_NUMBERS = "_gravity", "prescribed", "masses", "parameters"
+_NUMBERS = "_gravity", "prescribed", "masses", "parameters", "rates"
 # Kinds of values that are compared as they are; and of plain numbers.
 _PLAIN = {float, DualFloat, int, bool, str, type(None)}
 _SCALARS, _NODES = _PLAIN - {type(None)}, {Node}

@@ -1,12 +1,13 @@
 """Rates and forces of bodies and of other couplings that change with the motion."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from derivatives import assert_they_are_those_of_the_motion
 from jointed import chain, four_bar as linkage
-from scenes import clamped_bar, hinged_body, one_body, pinned_bar
+from scenes import assert_refused, clamped_bar, hinged_body, one_body, pinned_bar
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -241,6 +242,80 @@ def test_the_rates_of_the_first_row_are_those_given_with_all_their_momentum():
     assert four.linear_momentum[-1] == pytest.approx(four.linear_momentum[0], abs=1e-12)
     assert four.angular_momentum[-1] == pytest.approx(four.angular_momentum[0], abs=1e-12)
     assert four.stats.substeps == four.stats.steps == 5
+
+
+def two_rods():
+    """Two bodies on hinges in a row, and their joints."""
+    scene = fb.Scene()
+    one = scene.add_body((0.5, 0), 2.0, 0.3, points={"near": (0, 0), "far": (1, 0)})
+    other = scene.add_body((1.5, 0), 1.0, 0.1, points={"near": (1, 0)})
+    first = scene.add_joint(fb.Revolute(fb.GROUND, one["near"]))
+    return scene, first, scene.add_joint(fb.Revolute(one["far"], other["near"]))
+
+
+def test_all_that_follows_the_rate_of_a_joint_has_the_least_kinetic_energy():
+    """Of 2 T = A w^2 + 2 B w + ..., w the spin of the first rod and w + 3 that of the other one."""
+    scene, first, second = two_rods()
+    scene.set_rate(second, 3.0)
+    motion = fb.simulate(scene, dt=1e-3, t_end=1e-3)
+    A, B = 0.3 + 2 * 0.5**2 + 1.5**2 + 0.1, 3 * (1.5 * 0.5 + 0.1)
+    assert motion.joint(second).spin[0] == pytest.approx(3.0, rel=1e-12)
+    assert motion.joint(first).spin[0] == pytest.approx(-B / A, rel=1e-12)
+    scene.set_rate(first, -1.0)
+    motion = fb.simulate(scene, dt=1e-3, t_end=1e-3)
+    rates = [motion.joint(joint).spin[0] for joint in (first, second)]
+    assert rates == pytest.approx([-1.0, 3.0], rel=1e-12)
+
+
+def test_a_loop_starts_with_the_rate_of_its_crank_or_of_its_slide():
+    scene = fb.Scene()
+    crank = scene.add_body((0, 0), 1.0, 1.0, points={"pin": (0, 0.3)})
+    rod = scene.add_body((0.4, 0.15), 1.0, 0.1, points={"pin": (0, 0.3), "end": (0.8, 0)})
+    block = scene.add_body((0.8, 0), 1.0, 0.1).centre
+    shaft = scene.add_joint(fb.Revolute(fb.GROUND, crank.centre))
+    scene.add_joint(fb.Revolute(crank["pin"], rod["pin"]))
+    scene.add_joint(fb.Revolute(rod["end"], block))
+    guide = scene.add_joint(fb.Prismatic(fb.GROUND, block, axis=(1, 0)))
+    for joint, rate in ((shaft, 2.0), (guide, -0.6)):
+        loop = copy.deepcopy(scene)
+        loop.set_rate(loop.joints[joint.number], rate)
+        motion = fb.simulate(loop, dt=1e-3, t_end=1e-3)
+        assert motion.joint(loop.joints[shaft.number]).spin[0] == pytest.approx(2.0, rel=1e-10)
+        assert motion.joint(loop.joints[guide.number]).rate[0] == pytest.approx(-0.6, rel=1e-10)
+    scene.set_rate(shaft, 2.0)
+    scene.set_rate(guide, 0.6)
+    assert_refused("other rates or supports exclude it", fb.simulate, scene, dt=1e-3, t_end=1e-3)
+
+
+def test_rates_of_joints_leave_the_momentum_of_what_is_free():
+    scene = free_chain()
+    before = fb.simulate(scene, dt=0.02, t_end=0.02)
+    joint = next(joint for joint in scene.joints if joint.rotation is not None)
+    scene.set_rate(joint, 4.0)
+    after = fb.simulate(scene, dt=0.02, t_end=0.02)
+    assert after.joint(joint).rate[0] == pytest.approx(4.0, rel=1e-12)
+    assert after.linear_momentum[0] == pytest.approx(before.linear_momentum[0], abs=1e-13)
+    assert after.angular_momentum[0] == pytest.approx(before.angular_momentum[0], abs=1e-13)
+
+
+def test_joints_that_have_no_rate_or_a_motor_are_refused():
+    scene, _, _ = two_rods()
+    hub = scene.add_body((0, 0), 1.0, 1.0).centre
+    driven = scene.add_joint(fb.Revolute(fb.GROUND, hub, motor=lambda t: t**2))
+    for joint in (driven, scene.joints[0]):
+        assert_refused("without motor", scene.set_rate, joint, 1.0)
+
+
+def test_derivatives_know_the_rate_of_a_joint():
+    def build(x):
+        scene, first, second = two_rods()
+        scene.set_rate(second, x[0])
+        return scene, {"spin": fb.Output("spin", first)}
+
+    response = fb.Response(build, dt=1e-3, t_end=1e-3)
+    response([3.0])
+    A, B = 0.3 + 2 * 0.5**2 + 1.5**2 + 0.1, 1.5 * 0.5 + 0.1
+    assert response.jacobian()["spin"][0] == pytest.approx([-B / A], rel=1e-6)
 
 
 def turned(spin, arm):
