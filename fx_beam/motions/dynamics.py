@@ -184,7 +184,8 @@ def simulate(
         true. The last step ends there exactly, up to 1e-13 of its length, so that nothing is
         interpolated. It may be some functions by their names; `Stats.until` is the name of the
         one that ended the motion. What changes twice within a step is not seen. Of forces, which
-        are means over steps, those at the end count, by the line through the last two means.
+        are means over steps or those at a level in them, those at the end count, by the line
+        through the last two.
     outputs : dict, optional
         What `until` needs: `Output` by names, as in `Motion`.
     changes : dict, optional

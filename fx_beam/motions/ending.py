@@ -11,7 +11,8 @@ from fx_beam.dual import floats
 from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import FORCES
 from fx_beam.scene.measured import Measured
-from fx_beam.scene.outputs import Output, is_section_force
+from fx_beam.scene.outputs import SECTION_FORCES, Output, is_section_force
+from fx_beam.step.model import Model
 from fx_beam.step.recorder import Mark, NullRecorder, Recorder, Rows
 
 from .measurement import Instant, fitted_value, readings
@@ -66,14 +67,17 @@ class Ending:
         self._readings = readings(prepared, self._value, outputs, self._last_row if every else None)
         #: Whether outputs read the rows of trial steps.
         self._reads_rows = any(map(is_section_force, outputs.values()))
-        #: Outputs that are means over a step.
-        self._of_means = [
-            key
-            for key, output in outputs.items()
-            if prepared.model.scheme.rates.mean_based and _is_mean(output)
-        ]
-        #: These means in the last step.
+        levels = {key: _level(output, prepared.model) for key, output in outputs.items()}
+        #: Levels in a step of outputs that are not those at its end, as means are.
+        self._levels = {key: level for key, level in levels.items() if level is not None}
+        self._at_ends = all(level == 1 for level in self._levels.values())
+        #: Those of them that steps of another length would change.
+        self._of_rows = {
+            key for key, output in outputs.items() if _is_uneven(output, prepared.model)
+        }
+        #: What they are in the last step, its end and its length [s].
         self._means: dict[str, Any] = {}
+        self._means_at = start.t, 0.0
         self._start_before: _Start | None = None
         #: Length of the last step [s]; zero before the first one.
         self._length = 0.0
@@ -127,7 +131,7 @@ class Ending:
             if abs(value) <= _ZERO * abs(self._values[first]):
                 start, ends[first] = longer, t1  # where round-off decides the sign
             elif _changes(self._values[first], value):
-                low = start_before.mark.t if self._of_means else t0
+                low = t0 if self._at_ends else start_before.mark.t
                 start, ends[first] = longer, self._zero(first, longer, low, t1, value)
             elif ends[first] < soon and _changes(
                 self._values[first], self._at(first, start, least)
@@ -209,11 +213,17 @@ class Ending:
         self._step = first, last
         outputs = {key: read() for key, read in self._readings.items()}
         if before is None:
-            self._means = {key: outputs[key] for key in self._of_means}
+            self._means = {key: outputs[key] for key in self._levels}
+            self._means_at = end.t, end.t - start.t
         elif before.length:
-            part = (end.t - start.t) / (end.t - start.t + before.length)
             for key, mean in before.means.items():
-                outputs[key] = outputs[key] + part * (outputs[key] - mean)
+                value, t, length = outputs[key], end.t, end.t - start.t
+                if key in self._of_rows:
+                    value, (t, length) = self._means[key], self._means_at
+                level = self._levels[key]
+                apart = t - start.t - (1 - level) * (length - before.length)
+                ahead = end.t - t + (1 - level) * length
+                outputs[key] = value + ahead / apart * (value - mean)
         values: dict[str, float] = {}
         for name in self._conditions if names is None else names:
             try:
@@ -254,10 +264,27 @@ class Ending:
         vars(self._stepper.stats).update(start.stats | {"ended_by": dict(start.stats["ended_by"])})
 
 
-def _is_mean(output: Output) -> bool:
-    """Whether an output is a mean over a step, by schemes that have forces at mid-step."""
-    means = "a", "reactions", "motor_forces", *FORCES
-    return is_section_force(output) or Measured(output).quantity.of in means
+def _quantity(output: Output) -> str:
+    return SECTION_FORCES if is_section_force(output) else Measured(output).quantity.of
+
+
+def _level(output: Output, model: Model) -> float | None:
+    """The level in a step of an output that is a force or an acceleration; else None."""
+    rates, quantity = model.scheme.rates, _quantity(output)
+    if quantity == "a" and not rates.mean_based:
+        return 1.0
+    forces = "a", "reactions", "motor_forces", SECTION_FORCES, *FORCES
+    return float(rates.level) if quantity in forces else None
+
+
+def _is_uneven(output: Output, model: Model) -> bool:
+    """Whether a step of another length has another force or acceleration.
+
+    By Newmark's rule, at nodes that follow others: an error in rates is divided by the length.
+    """
+    if model.scheme.rates.mean_based or model.couplings.is_selection:
+        return False
+    return _quantity(output) in ("a", "reactions", "motor_forces", "joint_forces")
 
 
 def _changes(old: float, value: float) -> bool:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import guided_body, held_body, hinged_body, one_bar, one_body
+from scenes import clamped_bar, guided_body, held_body, hinged_body, one_bar, one_body
 
 import fx_beam as fb
 
@@ -92,10 +92,19 @@ def test_a_force_that_is_met_at_the_start_of_a_step_is_met_in_one_about_it(limit
     assert run.t[-1] - run.t[-2] > 0.009
 
 
-@pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize(("dt", "error"), [(2e-2, 2e-3), (2e-3, 2e-5)])
-def test_a_ladder_leaves_a_smooth_wall_at_two_thirds_of_its_height(order, dt, error):
-    """Forces are means over steps; from these follows that at the end, with an error of dt^2."""
+SCHEMES = {
+    "order 2": fb.EnergyMomentum(),
+    "order 4": fb.EnergyMomentum(order=4),
+    "Newmark": fb.Newmark(),
+    "HHT": fb.HHT(),
+    "generalised alpha": fb.GeneralizedAlpha(),
+}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(("dt", "error"), [(2e-2, 3e-3), (2e-3, 3e-5)])
+def test_a_ladder_leaves_a_smooth_wall_at_two_thirds_of_its_height(scheme, dt, error):
+    """Forces are those within steps; from these follows that at the end, with an error of dt^2."""
     length, angle = 2.0, 1.1
     x, y = length * np.cos(angle), length * np.sin(angle)
     scene = fb.Scene(gravity=(0, -9.81))
@@ -104,13 +113,29 @@ def test_a_ladder_leaves_a_smooth_wall_at_two_thirds_of_its_height(order, dt, er
     scene.fix(rod["top"], "x"), scene.fix(rod["foot"], "y")
     fall = fb.simulate(
         scene,
-        fb.EnergyMomentum(order=order),
+        SCHEMES[scheme],
         dt=dt,
         t_end=2.0,
         outputs={"wall": fb.Output("reaction", rod["top"], "x")},
         until=lambda t, y: y["wall"] if t > 0 else 1.0,
     )
     assert fall.position(rod["top"])[-1, 1] / y == pytest.approx(2 / 3, abs=error)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_vibration_ends_where_its_reaction_is_met_with_an_error_of_dt_squared(scheme):
+    """A mass on a bar that is its spring: u = 0.1 sin(10 t) / 10, and the reaction is -100 u."""
+    section = fb.Section(EA=100.0, GA=100.0, EI=10.0)
+    scene, bar = clamped_bar((1, 0), section, 1)
+    scene.fix(bar.end, "y", "rotation")
+    scene.add_mass(bar.end, 1.0)
+    scene.set_velocity(bar.end, (0.1, 0.0))
+    options = {"outputs": {"force": fb.Output("reaction", bar.start, "x")}, "t_end": 1.0}
+    for dt in (1e-2, 1e-3):
+        run = fb.simulate(
+            scene, SCHEMES[scheme], dt=dt, until=lambda t, y: y["force"] + 0.5, **options
+        )
+        assert run.t[-1] == pytest.approx(np.arcsin(0.5) / 10, abs=dt**2)
 
 
 @pytest.mark.exact_times
