@@ -16,7 +16,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Circle, Contact, arc_of, nearest
 from fx_beam.scene.coordinate import Coordinate, Stop
 from fx_beam.scene.forces_between import ForceBetween, RopeSpring
-from fx_beam.scene.joints import Joint
+from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import label
 
 _log = logging.getLogger("fx_beam")
@@ -38,6 +38,9 @@ _STEPS, _OF_LOSS, _FAST = 10, 6.0, 10.0
 _PLASTIC, _STIFFER, _STUCK, _ALONG = 0.1, 30.0, 0.98, 0.05
 # Part of the largest motion in a step towards a contact, below which one is no impact.
 _OF_FASTEST = 1e-2
+# Part of the largest force of a joint along its slide, or moment, that is round-off; and of the
+# force in a step, as guides turn in it.
+_NO_FORCE, _ACROSS = 1e-9, 0.05
 # Arc of a rope on a pulley, below zero, at which it has left it [rad].
 _LIFTED = 1e-6
 # Both half thicknesses, relative to the radius of curvature, from which bends are sharp.
@@ -324,8 +327,14 @@ def _hits_of_stops(
 ) -> Iterator[_Hits]:
     """Of joints, forces between points, and ropes whose length is a number."""
 
-    def of_joint(joint: Joint, name: str, sign: int, limit: Any) -> tuple[np.ndarray, bool]:
-        return sign * (getattr(solution.joint(joint), name) - as_float(limit)), False
+    def of_joint(
+        joint: Joint, name: str, sign: int, limit: Any
+    ) -> tuple[np.ndarray, np.ndarray | bool]:
+        motion, on = solution.joint(joint), joint.coordinates[name]
+        alone = len(solution.joint_forces) > 0 and on == Coordinate(stop=on.stop)
+        place = motion.slide if name == "slide" else motion.angle
+        acts = _pushes(solution, joint, name) if alone else False
+        return sign * (place - as_float(limit)), acts
 
     def of_line(
         line: ForceBetween, alone: bool, sign: int, limit: Any
@@ -336,10 +345,9 @@ def _hits_of_stops(
 
     for joint in joints:
         for coordinate, law in joint.coordinates.items():
-            name, nodes = "slide" if coordinate == "slide" else "angle", (joint.a, joint.b)
+            nodes = [node.number for node in (joint.a, joint.b)]
             for sign, limit in _limits(law.stop):
-                read = partial(of_joint, joint, name, sign, limit)
-                yield _Hits(joint, [node.number for node in nodes], read)
+                yield _Hits(joint, nodes, partial(of_joint, joint, coordinate, sign, limit))
     for line in lines:
         stop, rope = line.on.stop, line.on.spring
         if isinstance(rope, RopeSpring) and is_number(length := rope.length.given):
@@ -348,6 +356,19 @@ def _hits_of_stops(
             alone = line.force is None and line.on == Coordinate(stop=stop)
             for sign, limit in _limits(stop):
                 yield _Hits(line, line.nodes, partial(of_line, line, alone, sign, limit))
+
+
+def _pushes(solution: Solution, joint: Joint, name: str) -> np.ndarray:
+    """Whether in each step (n - 1,) the joint has a force along its slide, or a moment."""
+    x, y, moment = solution.joint(joint).force[1:].T
+    if name == "rotation":
+        return abs(moment) > _NO_FORCE * abs(moment).max(initial=0.0)
+    psi = np.zeros(len(solution.t)) if joint.a is GROUND else solution.rotation(joint.a)
+    slides = solution.joint(joint).slide
+    psi, slides = ((values[1:] + values[:-1]) / 2 for values in (psi, slides))
+    (a, b), size = joint.kinematics.tangent(slides), np.hypot(x, y)
+    along = abs(np.cos(psi) * (x * a + y * b) + np.sin(psi) * (y * a - x * b))
+    return along > np.maximum(_ACROSS * size, _NO_FORCE * size.max(initial=0.0))
 
 
 def _limits(stop: Stop | None) -> list[tuple[int, float]]:

@@ -758,6 +758,13 @@ def test_balls_that_hit_in_turn_share_momentum_or_a_warning_says_that_steps_are_
 def row_of_wagons(how):
     """Three wagons of 0.5 kg that stops, ropes or contacts pull or push in turn, one at 1 m/s."""
     scene = fb.Scene()
+    if how == "stops of hinges":  # three rotors on one axis
+        rotors = [scene.add_body((0, 0), 1.0, 0.5).centre for _ in range(3)]
+        scene.add_joint(fb.Revolute(fb.GROUND, rotors[0]))
+        for a, b, gap in zip(rotors[:-1], rotors[1:], (0.01, 1e-4), strict=True):
+            scene.add_joint(fb.Revolute(a, b, stop=fb.Stop(-gap, None, 1e8)))
+        scene.set_velocity(rotors[0], spin=1.0)
+        return scene, rotors, 1.0
     wagons = [scene.add_body((x, 0), 0.5, 1.0).centre for x in (0.0, 0.2, 0.4)]
     way = -1.0 if "rope" in how else 1.0
     for a, b, gap in zip(wagons[:-1], wagons[1:], (0.01, 1e-4), strict=True):
@@ -781,23 +788,22 @@ def row_of_wagons(how):
     return scene, wagons, way
 
 
-@pytest.mark.parametrize(
-    ("how", "order"),
-    [("stops of joints", 2)]
-    + [
-        (how, order)
-        for how in ("stops between points", "ropes", "ropes of a length", "contacts")
-        for order in (2, 4)
-    ],
-)
+WAYS = "stops of joints", "stops of hinges", "stops between points"
+WAYS += "ropes", "ropes of a length", "contacts"
+
+
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("how", WAYS)
 def test_stops_and_ropes_that_are_hit_in_turn_say_so_in_both_orders(how, order, caplog):
     """Right is (0, 0, 1); in order 4 a contact of 0.16 ms begins and ends within a step."""
     for dt in (1e-3, 1e-5):
         caplog.clear()
         scene, wagons, way = row_of_wagons(how)
         row = fb.simulate(scene, fb.EnergyMomentum(order=order), dt=dt, t_end=0.04)
-        speeds = np.array([way * row.velocity(wagon)[-1, 0] for wagon in wagons])
-        error = abs(speeds - [0, 0, 1]).max()
+        rates = (
+            row.spin(part)[-1] if "hinge" in how else row.velocity(part)[-1, 0] for part in wagons
+        )
+        error = abs(way * np.array([*rates]) - [0, 0, 1]).max()
         assert error < 1e-3 or "share momentum wrongly" in caplog.text
     assert error < 1e-3 and not caplog.messages
 
