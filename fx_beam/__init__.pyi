@@ -56,6 +56,7 @@ from .results.joint_and_contact_motion import (
 from .results.records import BeamResultants as BeamResultants, Energy as Energy, Stats as Stats
 from .results.saved import load as load
 from .results.solution import Solution as Solution
+from .results.spectra import SpectrumResponse as SpectrumResponse
 from .results.stresses import BeamStress as BeamStress
 from .results.vibrations import (
     FrequencyResponse as FrequencyResponse,

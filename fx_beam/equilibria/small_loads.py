@@ -12,6 +12,7 @@ from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
 
 from .load_steps import LoadStepper
+from .path_equations import PathEquations
 
 # Largest rotation [rad] and strain of these states. Their loads are these parts of the largest: the
 # error of a derivative is that of a polynomial of degree 8.
@@ -26,51 +27,50 @@ _ACCURATE, _SMALLER, _LESS = 1e-10, 0.01 ** np.arange(4), 0.1
 _NEAREST = 1e-4
 
 
-class SmallLoads:
-    r"""Displacements u_1 = K_0^-1 f about a state, and states at u = l u_1 under loads l f.
+class SmallStates:
+    """States at u = l u_1 beside a state, in which nodes on arms go straight as well.
 
-    Also nodes on arms go straight in them, so that energies are quadratic.
+    By displacements u_1 of the unknowns y (free,) and of all nodes D (size,), under forces l f_1 on
+    the unknowns (free,).
     """
 
-    def __init__(self, name: str, stepper: LoadStepper, state: State):
-        self._what, self._stepper, self.state = name, stepper, state
-        reduction = stepper.model.reduction
-        path, y = stepper.path, np.zeros(reduction.free)
-        path.begin(state)
-        self._column = path.balance(y, 0.0)[2]
-        #: Whether anything changes with the load factor.
-        self.acts = bool(stepper.loop.forcing.rise.any() or self._column.any())
-        try:
-            tangent = path.with_the_load(y, 0.0)
-        except StepFailed as failure:
-            raise SceneError(
-                f"{name}: {failure.reason}. Check for a part without support, and the sizes of "
-                "stiffnesses and offsets"
-            ) from failure
-        if not (tangent.load and np.isfinite(tangent.y).all()):
-            raise SceneError(f"{name}: the state is at a critical point already. Reduce its loads")
-        #: Displacements (free,) of the unknowns by the load factor, and (size,) of all nodes.
-        self.y, self.D = tangent.y / tangent.load, tangent.D / tangent.load
-        largest, least = self._without_switch(_LARGEST / (self.size() or 1.0)), np.inf
+    def __init__(
+        self,
+        name: str,
+        path: PathEquations,
+        state: State,
+        y: np.ndarray,
+        D: np.ndarray,
+        forces: np.ndarray,
+    ):
+        self._what, self._path, self._loop, self._model = name, path, path.loop, path.model
+        self.state, self.y, self.D, self._forces = state, y, D, forces
+        #: Error of first-order equilibrium by the states, relative to forces and displacements.
+        self.error = np.inf
+        moved = abs(D / self._model.units.nodes).max(initial=0.0)
+        largest = self._without_switch(_LARGEST / (self.size() or moved or 1.0), moved)
         for part in _SMALLER:  # lines and beams that guide may be short beside displacements
             found, error = self._found_states(part * largest)
-            if not error >= _LESS * least:
-                states, self._largest, least = found, part * largest, error
-            if least < _ACCURATE:
+            if not error >= _LESS * self.error:
+                #: The states, from that without l on.
+                self.states = found
+                self._largest, self.error = part * largest, error
+            if self.error < _ACCURATE:
                 break
-        #: A record of all states, and a solution with them as its rows.
-        self.recorder = Recorder(stepper.model, np.arange(len(states), dtype=float), Record())
-        for row_state in states:
-            stepper.loop.record(row_state, self.recorder)
-        rest = Rest(stepper.loop.forcing.time, state.t + self._largest * np.append(0.0, _PARTS))
-        self.solution = solution_of(self.recorder, stepper.stats, lambda: state, rest=rest)
 
-    def _without_switch(self, largest: float) -> float:
-        """A load factor up to which, in both directions, no stop or other law switches."""
-        model, start = self._stepper.model, self.state
+    def balanced(self, load: float) -> tuple[np.ndarray, State]:
+        """Residual forces (unknowns,) at l, and the state there."""
+        raise NotImplementedError
+
+    def _without_switch(self, largest: float, moved: float) -> float:
+        """A load factor up to which, in both directions, no stop or other law switches.
+
+        Nodes move by so much of the size of the scene by the load factor.
+        """
+        model, start = self._model, self.state
         if not (sum(model.points.switch_counts) or model.points.members):
             return largest
-        path, members = self._stepper.path, model.points.members
+        path, members = self._path, model.points.members
         start_signs, touched = np.sign(model.kinks.switches(start)), members and members.touched
         path.begin(start)
 
@@ -83,7 +83,6 @@ class SmallLoads:
                 or (members and members.touched) != touched
             )
 
-        moved = abs(self.D / model.units.nodes).max(initial=0.0)
         least = _NEAREST * min(largest, _LARGEST / (moved or 1.0))
         for most in np.geomspace(largest, least, 20).tolist():
             if not any(map(switched, (most * _PARTS).tolist())):
@@ -95,7 +94,7 @@ class SmallLoads:
 
     def size(self) -> float:
         """Largest rotation or strain by the load factor."""
-        mesh, D = self._stepper.model.mesh, self.D.reshape(-1, 3)
+        mesh, D = self._model.mesh, self.D.reshape(-1, 3)
         first, last = mesh.points[:, 0], mesh.points[:, 1]
         length = np.hypot(*(mesh.X[last] - mesh.X[first]).T)
         strains = np.hypot(*(D[last, :2] - D[first, :2]).T) / length
@@ -103,25 +102,18 @@ class SmallLoads:
 
     def _found_states(self, largest: float) -> tuple[list[State], float]:
         """States up to a load factor, and the error of first-order equilibrium by them."""
-        model, path, start = self._stepper.model, self._stepper.path, self.state
-        weight = model.masses.weight
-        still = self._stepper.loop.forcing.first - (0.0 if weight is None else weight)
+        model, start = self._model, self.state
         states, residuals, bends = [], [], []
         for load in (0.0, *(largest * _PARTS).tolist()):
-            path.begin(start)
-            y = load * self.y
-            balance = path.balance(y, load)[0]
-            residuals.append(balance.residual[model.reduction.independent])
-            interval = Interval(start.t, start.t + load)
-            new = self._stepper.loop.finished(start, interval, y, balance.r)
+            residual, new = self.balanced(load)
             straight = start.q + load * self.D
+            residuals.append(residual)
             bends.append(new.q - straight)
-            work = new.work + (1 - load / 2) * path.held @ y - still @ bends[-1]
-            states.append(new.changed(q=straight, work=float(work)))
+            states.append(new.changed(q=straight))
         chosen, node_unit = model.reduction.independent, model.units.nodes
         unit = model.units.unknowns[chosen]
         pairs = (
-            (residuals * unit, self._column[chosen] * unit),
+            (residuals * unit, self._forces[chosen] * unit),
             (bends / node_unit, self.D / node_unit),
         )
         error = sum(
@@ -138,6 +130,82 @@ class SmallLoads:
         """Values (2, ...) without and with all loads, from values (n + 1, ...) in all states."""
         return np.stack([rows[0], rows[0] + self.slope(rows)])
 
+
+class SmallLoads(SmallStates):
+    """Displacements u_1 = K_0^-1 f about a state, and states at u = l u_1 under loads l f.
+
+    Energies are quadratic in them.
+    """
+
+    def __init__(self, name: str, stepper: LoadStepper, state: State):
+        reduction, path = stepper.model.reduction, stepper.path
+        y, loop = np.zeros(reduction.free), path.loop
+        path.begin(state)
+        column = path.balance(y, 0.0)[2]
+        #: Whether anything changes with the load factor.
+        self.acts = bool(loop.forcing.rise.any() or column.any())
+        try:
+            tangent = path.with_the_load(y, 0.0)
+        except StepFailed as failure:
+            raise SceneError(
+                f"{name}: {failure.reason}. Check for a part without support, and the sizes of "
+                "stiffnesses and offsets"
+            ) from failure
+        if not (tangent.load and np.isfinite(tangent.y).all()):
+            raise SceneError(f"{name}: the state is at a critical point already. Reduce its loads")
+        weight = stepper.model.masses.weight
+        self._still = loop.forcing.first - (0.0 if weight is None else weight)
+        slopes = tangent.y / tangent.load, tangent.D / tangent.load
+        super().__init__(name, path, state, *slopes, column)
+        #: A record of all states, and a solution with them as its rows.
+        self.recorder = Recorder(stepper.model, np.arange(len(self.states), dtype=float), Record())
+        for row_state in self.states:
+            loop.record(row_state, self.recorder)
+        rest = Rest(loop.forcing.time, state.t + self._largest * np.append(0.0, _PARTS))
+        self.solution = solution_of(self.recorder, stepper.stats, lambda: state, rest=rest)
+
+    def balanced(self, load: float) -> tuple[np.ndarray, State]:
+        """As of `SmallStates`."""
+        path, start, y = self._path, self.state, load * self.y
+        path.begin(start)
+        balance = path.balance(y, load)[0]
+        residual = balance.residual[self._model.reduction.independent]
+        new = self._loop.finished(start, Interval(start.t, start.t + load), y, balance.r)
+        bend = new.q - (start.q + load * self.D)
+        work = new.work + (1 - load / 2) * path.held @ y - self._still @ bend
+        return residual, new.changed(work=float(work))
+
     def curvature(self, rows: np.ndarray) -> np.ndarray:
-        """Half of the second derivative likewise."""
+        """Half of the second derivative by the load factor of values (n + 1, ...) likewise."""
         return np.tensordot(_SECOND, rows, axes=1) / self._largest**2
+
+
+class SmallForces(SmallStates):
+    """States under small forces f on nodes (size,), which give them accelerations a (size,).
+
+    Loads (size,) on nodes stay, and so does all else that the path has.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        path: PathEquations,
+        state: State,
+        loads: np.ndarray,
+        y: np.ndarray,
+        D: np.ndarray,
+        force: np.ndarray,
+        a: np.ndarray,
+    ):
+        self._loads, self._force, self._a = loads, force, a
+        super().__init__(name, path, state, y, D, path.model.reduction.maps.reduced_force(force))
+
+    def balanced(self, load: float) -> tuple[np.ndarray, State]:
+        """As of `SmallStates`."""
+        start, y, path = self.state, load * self.y, self._path
+        self._loop.forcing.first[:] = self._loads + load * self._force
+        path.begin(start)
+        balance = path.balance(y, 0.0)[0]
+        residual = balance.residual[self._model.reduction.independent]
+        new = self._loop.finished(start, Interval(start.t, start.t), y, balance.r)
+        return residual, new.changed(a=load * self._a)

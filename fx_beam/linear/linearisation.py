@@ -64,8 +64,9 @@ class Linearisation:
     #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
     frame: TurningFrame | None
     coriolis: Extended | None
-    #: Load factor of forces that depend on rates; 1 without loads.
+    #: Load factor, zero for the reference, and dead loads (size,) in the state [N, N m].
     factor: float
+    loads: np.ndarray
     #: Models by name of a response, which get the numbers of the next scene; else None.
     models: dict[str, Model] | None
 
@@ -156,7 +157,7 @@ class Linearisation:
             return self.coriolis
         model, tangents, start = self.damped_model, [], self.start
         equations = Equations(model, inert=False)
-        equations.set_load(self.factor)
+        equations.set_load(self.factor or 1.0)  # of forces that depend on rates
         for dt in (INSTANT, 2 * INSTANT):
             equations.begin(instant(start.t, dt), start)
             equations.at_start(np.zeros(model.size))
@@ -328,7 +329,8 @@ def linearised(
         start=start,
         frame=frame,
         coriolis=G,
-        factor=factor or 1.0,
+        factor=factor,
+        loads=force,
         models=models,
     )
     # The largest work of a force at a node in a unit motion of the scene [J].

@@ -21,6 +21,7 @@ from fx_beam.step.extended import Extended
 from fx_beam.step.rounding import warn_of_rounding
 
 from .damped_pencil import DampedPencil, Weighted
+from .inertia_outputs import inertia_outputs
 from .linearisation import Linearisation, linearised, split
 
 # A root is known when inverse iteration changes it by less, relative to its size.
@@ -325,7 +326,8 @@ def _excitation(about: Linearisation) -> Excitation:
     pushes = [about.unknown_forces(force) for force in forces]
     unit = model.units.unknowns[about.unknowns]
     moved = [acceleration_of(about.M, push, unit) for push in pushes]
-    return Excitation(forces.reshape(2, -1, 3), np.array(pushes) @ np.array(moved).T)
+    mass = np.array(pushes) @ np.array(moved).T
+    return Excitation(forces.reshape(2, -1, 3), mass, partial(inertia_outputs, about))
 
 
 def _bends(about: Linearisation, shapes: np.ndarray) -> bool:

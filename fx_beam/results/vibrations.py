@@ -22,19 +22,24 @@ from fx_beam.errors import (
     require,
     shown,
     vector,
+    warn_once,
 )
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.notebook import sketch
+from fx_beam.scene.outputs import Output
 
 from .export import data_frame, write_csv
 from .solution import Solution
+from .spectra import Spectrum, SpectrumResponse, combined, correlations
 
 # Displacements below this part of the size of the scene times the largest rotation are zero.
 _ZERO = 1e-6
 # Sizes of parts of a mode that differ by less, relative to the largest, are equal.
 _EQUAL = 1e-3
+# Share of the mass that modes should have where a ground is shaken.
+_ENOUGH = 0.9
 # Units of the columns of a response.
 _UNITS = {"x": "m", "y": "m", "rotation": "rad", "slide": "m", "angle": "rad"}
 
@@ -46,6 +51,8 @@ class Excitation(NamedTuple):
     forces: np.ndarray
     #: Mass (2, 2) that modes can move: (M d)_f . M_ff^-1 (M d)_f, f the unknowns [kg].
     mass: np.ndarray
+    #: Gives changes (n, ...) of outputs by accelerations (n, n_node, 3); none in another process.
+    outputs: Callable[[np.ndarray, Mapping[str, Output]], dict[str, np.ndarray]] | None
 
 
 class Participation(NamedTuple):
@@ -133,7 +140,8 @@ class Modes:
     bodies, beams : dict, optional
         The bodies and the beams by name.
     excitation : Excitation or callable, optional
-        What `participation` reads, or a function that gives it; none for modes of critical points.
+        What `participation` and `spectrum` read, or a function that gives it; none for modes of
+        critical points.
 
     Examples
     --------
@@ -192,17 +200,113 @@ class Modes:
         SceneError
             For a direction without length, complex modes, and those of critical points.
         """
-        way = vector(direction, 2, "participation: direction")
-        size = np.hypot(*way)
-        require(bool(size > 0), "participation: direction", direction, "not zero")
+        d = _unit(direction, "participation")
         ok = self.excitation is not None and np.isrealobj(self.shapes)
         expected = "undamped ones of fx_beam.modes: modes(scene, damping=False)"
         require(ok, "participation: modes", self, expected)
-        d = floats(way) / size
         excitation = self._known_excitation()
         forces = np.tensordot(d, excitation.forces, axes=1)
         factors = np.tensordot(self.shapes, forces, axes=2)
         return Participation(factors, factors**2, float(d @ excitation.mass @ d))
+
+    def spectrum(
+        self,
+        spectrum: Sequence[Any],
+        direction: Sequence[float],
+        damping: float = 0.05,
+        combine: str = "CQC",
+        *,
+        outputs: Mapping[str, Output],
+    ) -> SpectrumResponse:
+        r"""Largest responses to a shaken ground, of which a response spectrum is known.
+
+        A mode with the participation factor g gives :math:`r = c.\hat x g S_a / \omega^2` to an
+        output :math:`y = c.u`, which is what its forces of inertia give to first order. The part
+        :math:`\alpha` of it moves with the ground, as does all mass that the modes do not have:
+        the static response to the largest acceleration of the ground. Parts that move with the
+        ground are added with their signs, :math:`R = \sum \alpha_i r_i + r_0`; with the parts
+        :math:`p_i = \sqrt{1 - \alpha_i^2} \, r_i` of modes the largest response is
+        :math:`\sqrt{R^2 + \sum_{ij} \rho_{ij} p_i p_j}`. Below the period of the largest ordinate
+        :math:`\alpha = S_a(0) / S_a`, else zero.
+
+        Parameters
+        ----------
+        spectrum : (periods, accelerations)
+            Pseudo-accelerations S_a [m/s^2] of oscillators with this damping over their periods
+            [s], straight between them. The first period is 0: the ground's own acceleration.
+        direction : (2,) float
+            Direction in which the whole ground moves, of any length.
+        damping : float
+            Damping ratio of all modes, on which their correlation depends.
+        combine : {"CQC", "SRSS"}
+            Correlation of modes: that under white noise, or none.
+        outputs : dict
+            `Output` by names: displacements, rotations, coordinates and forces of joints, forces
+            and lengths of ropes, reactions, section forces and stresses, as they change from the
+            state; accelerations are absolute.
+
+        Returns
+        -------
+        SpectrumResponse
+            Largest sizes of the outputs, and what each mode gives.
+
+        Raises
+        ------
+        SceneError
+            As of `participation`; for modes that are rigid or unstable, or have longer periods than
+            the spectrum; for outputs that are not linear, and those of contacts, beams and scenes;
+            for a state that turns, and modes from another process.
+
+        References
+        ----------
+        Der Kiureghian (1981), doi 10.1002/eqe.4290090205. Lindley and Yow (1980), Modal response
+        summation for seismic qualification, 2nd ASCE Conference on Civil Engineering and Nuclear
+        Power.
+
+        Examples
+        --------
+        A mast on a clamp: most of its mass, and the moment of the clamp.
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> section = fb.Section(EA=1e8, GA=1e8, EI=1e6, rhoA=10.0)
+        >>> mast = scene.add_beam([(0, 0), (0, 10)], section, elements=16, degree=2)
+        >>> scene.clamp(mast.start)
+        >>> spectrum = [0.0, 0.1, 0.5, 4.0], [1.0, 2.5, 2.5, 0.3]
+        >>> outputs = {"foot": fb.Output("reaction", mast.start, "moment")}
+        >>> shaken = fb.modes(scene, n=4).spectrum(spectrum, (1, 0), outputs=outputs)
+        >>> round(float(shaken.values["foot"])), round(shaken.share, 2)
+        (1100, 0.91)
+        """
+        caller, table, shaken = "spectrum", Spectrum(spectrum), self.participation(direction)
+        ok = is_number(damping) and 0 < damping < 1
+        require(ok, f"{caller}: damping", damping, "a ratio between 0 and 1, such as 0.05")
+        require(is_one_of(combine, ("CQC", "SRSS")), f"{caller}: combine", combine, "CQC or SRSS")
+        still = bool((self.angular_frequencies > 0).all())
+        require(still, f"{caller}: modes", self, "of a stable state that is held: none rigid")
+        excitation = self._known_excitation()
+        expected = "those of fx_beam.modes in this process"
+        require(excitation.outputs is not None, f"{caller}: modes", "from a file", expected)
+        periods = 1 / self.frequencies
+        ordinates = table.at(periods)
+        with_ground = np.zeros(self.shapes.shape[1:])
+        with_ground[:, :2] = _unit(direction, caller)
+        moved = shaken.factors[:, None, None] * self.shapes
+        left = table.ground * (with_ground - moved.sum(axis=0))
+        pushed = np.concatenate([ordinates[:, None, None] * moved, left[None]])
+        changes = excitation.outputs(-pushed, outputs)
+        modal = {name: values[:-1] for name, values in changes.items()}
+        rest = {name: values[-1] for name, values in changes.items()}
+        share, rigid = float(shaken.shares.sum()), table.rigid(periods)
+        if share < _ENOUGH:
+            warn_once(
+                f"{caller}: the modes have {100 * share:.0f} % of the mass. The rest counts as if "
+                "it moved with the ground. Take more modes: modes(scene, n=...)"
+            )
+        is_cqc = combine == "CQC"
+        correlation = correlations(self.frequencies, damping) if is_cqc else np.eye(len(self))
+        values = combined(modal, rest, rigid, correlation)
+        return SpectrumResponse(values, modal, rest, ordinates, rigid, share)
 
     def _known_excitation(self) -> Any:
         if callable(self.excitation):
@@ -210,7 +314,8 @@ class Modes:
         return self.excitation
 
     def __getstate__(self):
-        return self.__dict__ | {"excitation": self._known_excitation()}
+        known = self._known_excitation()
+        return self.__dict__ | {"excitation": known and known._replace(outputs=None)}
 
     @property
     def frequencies(self) -> np.ndarray:
@@ -295,6 +400,14 @@ class Modes:
         if not is_whole(mode, -len(self), len(self) - 1):
             raise SceneError(f"mode {shown(mode)}: there are {len(self)} modes, numbered from 0")
         return displaced(self, mode, as_float(size), as_float(phase), nodes)
+
+
+def _unit(direction: Sequence[float], caller: str) -> np.ndarray:
+    """A direction of the length 1."""
+    way = floats(vector(direction, 2, f"{caller}: direction"))
+    size = np.hypot(*way)
+    require(bool(size > 0), f"{caller}: direction", direction, "not zero")
+    return way / size
 
 
 def displaced(

@@ -203,6 +203,14 @@ class LoadForcing(Forcing):
         moves[self._held] = False
         self.goal[moves] += self._origin[moves]
 
+    def stay(self, state: State) -> None:
+        """Let driven motions and natural strains stay as in a state; only `first` forces act."""
+        self.rise, self._origin, self.goal = 0 * self.rise, self.current(state), 0 * self.goal
+        if self._full is not None:
+            self._full = self._first_natural = (
+                0 * self._full if state.natural is None else state.natural
+            )
+
     def dead(self, factor: float) -> np.ndarray:
         """Dead forces (size,) at a load factor [N, N m]."""
         return self.first + factor * self.rise

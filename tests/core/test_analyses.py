@@ -114,6 +114,19 @@ def test_effective_masses_of_a_cantilever_are_those_of_its_closed_form():
     assert shaken.total == pytest.approx(1 - 0.5 / 64, rel=1e-2)
 
 
+def test_an_oscillator_has_the_acceleration_of_its_spectrum():
+    scene = fb.Scene()
+    mass = scene.add_body((0, 0), mass=2.0, inertia=1.0).centre
+    scene.fix(mass, "y", "rotation")
+    spring = scene.add_spring(mass, x=fb.Spring(50.0)).x  # a period of 0.4 pi s
+    outputs = {"felt": fb.Output("acceleration", mass, "x"), "pull": fb.Output("force", spring)}
+    spectrum = [0.0, 0.2 * np.pi, 0.6 * np.pi], [2.0, 6.0, 4.0]
+    shaken = fb.modes(scene).spectrum(spectrum, (0.5, 0), outputs=outputs)
+    assert isinstance(shaken, fb.SpectrumResponse) and shaken.share == pytest.approx(1.0)
+    assert shaken.accelerations == pytest.approx([5.0])
+    assert [shaken.values[name] for name in outputs] == pytest.approx([5.0, 10.0], rel=1e-12)
+
+
 def test_stresses_are_those_of_the_moment():
     section = fb.Section(**DATA, A=0.02, I=1e-4, As=0.01, edges=(-0.1, 0.3))
     scene, beam = clamped_bar((2, 0), section, 8)
