@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.dual import Dual, dual_array
-from fx_beam.errors import SceneError
+from fx_beam.dual import Dual, dual_array, floats
 from fx_beam.fem.beam_slopes import BeamSlopes
 from fx_beam.fem.loads import LoadedBeams
 from fx_beam.fem.mass import masses_of_points
-from fx_beam.laws.interval import StepBatch
+from fx_beam.laws.interval import StepBatch, just_inside
 from fx_beam.motions.element_balance import ElementLoads, components, directions
 from fx_beam.motions.numbers import OF_OUTPUT
-from fx_beam.results.section_forces import Balance
-from fx_beam.scene.beam import BeamPlace
+from fx_beam.results.section_forces import AT_NODE, Balance
+from fx_beam.scene.beam import BeamPlace, lagrange
+from fx_beam.scene.loads import Load
 from fx_beam.scene.measured import Measured
 from fx_beam.scene.outputs import Output, is_section_force
 from fx_beam.scene.scene import Scene
@@ -27,9 +27,10 @@ from fx_beam.step.tape import Tape
 from .gradient import Block, DualArrays, of_names, of_rows
 from .row_output import Needs, Places, RowOutput, numbers_of_output
 
-# Numbers of a section force: masses (points,) at Gauss points of its element, directions (2,) at
-# its ends, and dead loads (sub-steps + 1, width) on it, the last at the start.
-_MASSES, _DIRECTIONS, _DEAD = "masses", "directions", "dead loads"
+# Numbers of a section force: masses (points,) at Gauss points of its element; directions (2 + m,)
+# at its ends and where m forces and couples act inside; these (sub-steps + 1, m, 3), and dead loads
+# (sub-steps + 1, width) on it, the last at the start.
+_MASSES, _DIRECTIONS, _INSIDE, _DEAD = "masses", "directions", "forces inside", "dead loads"
 # Components of N, Q and M that an output of a section has.
 _COMPONENTS = {"N": [0], "Q": [1], "M": [2], "stress": [0, 2], "shear_stress": [1]}
 # Step of differences of polynomials of the fourth degree, which are exact.
@@ -54,6 +55,20 @@ def numbers_of_sections(
         factors = (1 - level) * both_ends[:, 0] + level * both_ends[:, 1]
         weight_factors = np.ones((len(t0), 1))
 
+    def in_steps(load: Load) -> np.ndarray | Dual:
+        """A force or couple (sub-steps + 1, 3)."""
+
+        def values(t: np.ndarray) -> np.ndarray | Dual:
+            return load.value.series(t, str(load), scene.array_calls)
+
+        if rest_time is not None:
+            parts = weight_factors * values(np.array([rest_time]))
+        else:
+            start, end = just_inside(t0, t1)
+            parts = (1 - level) * values(start) + level * values(end)
+        none = np.zeros((len(weight_factors), 3 - parts.shape[1]))
+        return np.concatenate([parts, none] if load.kind == "force" else [none, parts], axis=1)
+
     numbers: DualArrays = {}
     for name, output in known.items():
         if not (isinstance(output, Output) and is_section_force(output)):
@@ -61,16 +76,19 @@ def numbers_of_sections(
         place = output.of
         assert isinstance(place, BeamPlace)
         cell = _cell(model, place)
-        if any(_cell(model, load.target) == cell for load in loads.inside(place.beam.name)):
-            raise SceneError(
-                f"the output {output} has no derivatives: a force or couple acts inside its "
-                "element. Let an element end there"
-            )
+        inside = loads.inside(place.beam.name)
+        inside = [load for load in inside if _cell(model, load.target) == cell]
+        known_places = dual_array([load.target.element[1] for load in inside])
+        angles = directions(X[mesh.elements[[cell]]], [0.0, 1.0, *floats(known_places)])[0]
+        forces = [np.zeros((len(weight_factors), 0)), *map(in_steps, inside)]
         numbers |= {
             _MASSES + OF_OUTPUT + name: dual_array(loads.masses)[cell],
-            _DIRECTIONS + OF_OUTPUT + name: directions(X[mesh.elements[[cell]]])[0],
+            _DIRECTIONS + OF_OUTPUT + name: angles,
+            _INSIDE + OF_OUTPUT + name: np.concatenate(forces, axis=1),
             _DEAD + OF_OUTPUT + name: _on_element(loads, cell, factors, weight_factors),
         }
+        if inside:  # by which nothing has derivatives
+            numbers[f"places of loads in the element of {name!r}"] = known_places
     return numbers
 
 
@@ -98,33 +116,46 @@ def _on_element(
     return total
 
 
-def _shares(component: int, degree: int, x: float, h: float) -> np.ndarray:
-    """Shares (6 + degree,) of N, Q, M at both ends of an element, and of values at Gauss points."""
-    units = np.eye(6 + degree)
+def _shares(component: int, degree: int, x: float, h: float, inside: np.ndarray) -> np.ndarray:
+    """Shares (6 + 3 m + degree,) in N, Q or M at a place x of an element of the length h.
+
+    Of N, Q, M at both ends, of jumps at places `inside` (m,), and of values at Gauss points.
+    """
+    first = 6 + 3 * len(inside)
+    units = np.eye(first + degree)
     gauss = np.zeros((len(units), degree, 3))
-    gauss[..., component] = units[:, 6:]
-    ends, none = units[:, :6].reshape(-1, 1, 2, 3), np.empty((len(units), 0, 3))
-    balance = Balance(np.array([0.0, h]), ends, np.empty(0), none)
-    return balance.in_elements(gauss, np.array([x]))[component].ravel()
+    gauss[..., component] = units[:, first:]
+    ends, jumps = units[:, :6].reshape(-1, 1, 2, 3), units[:, 6:first].reshape(len(units), -1, 3)
+    balance = Balance(np.array([0.0, h]), ends, inside * h, jumps)
+    return balance.in_elements(gauss, np.array([x]), AT_NODE * h)[component].ravel()
 
 
 class _Element(NamedTuple):
     """The element of an output of a section."""
 
     cell: int
-    #: Degrees of freedom (width,) of its nodes, and of the rotations (2,) at its ends.
+    #: Degrees of freedom (width,) of its nodes, and of their rotations (degree + 1,).
     dofs: np.ndarray
     turns: np.ndarray
+    #: Places (m,) from 0 to 1 of forces and couples inside; shares (2 + m, degree + 1) of nodes in
+    #: rotations at the ends and there.
+    inside: np.ndarray
+    turn_shares: np.ndarray
     #: Places (2, 3) of the forces at its ends in those of all its nodes.
     end_places: np.ndarray
 
     @classmethod
     def of(cls, model: Model, measured: Measured) -> _Element:
         """The element of an output."""
-        cell, mesh = _cell(model, measured.place), model.mesh
+        cell, mesh, beam = _cell(model, measured.place), model.mesh, measured.place.beam
         dofs, ends = mesh.unknowns.dofs[cell], mesh.dofs[mesh.elements[cell, [0, -1]]]
         end_places = np.argsort(dofs)[np.searchsorted(np.sort(dofs), ends)]
-        return cls(cell, dofs, ends[:, 2], end_places)
+        loads = (load.target for load in model.scene.loads if isinstance(load.target, BeamPlace))
+        own = [at for at in loads if at.beam.name == beam.name and _cell(model, at) == cell]
+        inside, turns = np.array([at.element[1] for at in own]), mesh.dofs[mesh.elements[cell], 2]
+        places = np.concatenate([[0.0, 1.0], floats(inside)])
+        shares = lagrange(np.linspace(0.0, 1.0, len(turns)), places)
+        return cls(cell, dofs, turns, inside, shares, end_places)
 
 
 class SectionOutput(RowOutput):
@@ -152,15 +183,18 @@ class SectionOutput(RowOutput):
         """Find the forces of the element, and how the output follows from what it depends on."""
         element, places = self._element, self._places
         model, count, degree = self._sub_steps.model, len(places.ends), self._beams.kind.degree
-        masses, dead = numbers[self._number(_MASSES)], numbers[self._number(_DEAD)]
-        forces, turns = (np.zeros((count, size)) for size in (len(element.dofs), 2))
+        kinds = _MASSES, _DEAD, _INSIDE
+        masses, dead, loads_inside = (numbers[self._number(kind)] for kind in kinds)
+        widths = len(element.dofs), 2 + len(element.inside), 3 * len(element.inside)
+        forces, turns, inside = (np.zeros((count, size)) for size in widths)
         gauss = np.zeros((count, degree, 3))
         for group, parts in self._batches(np.arange(len(self._steps))):
             rows, share = self._rows[group], self._shares[group, None]
             node_forces = self._beams.forces_of_cells(parts)[:, element.cell]
             np.add.at(forces, rows, share * (node_forces - dead[self._steps[group]]))
             level = parts.q + model.scheme.rates.level * parts.D
-            np.add.at(turns, rows, share * level[:, element.turns])
+            np.add.at(turns, rows, share * (level[:, element.turns] @ element.turn_shares.T))
+            np.add.at(inside, rows, share * loads_inside[self._steps[group]])
             points = self._beams.resultants(parts)[:, element.cell]
             np.add.at(gauss, rows, share[..., None] * points)
         mass = None
@@ -169,14 +203,17 @@ class SectionOutput(RowOutput):
             mass = np.tensordot(masses, masses_of_points(degree), 1)
             forces += a @ mass
         signs, angles = np.array([[-1.0], [1.0]]), numbers[self._number(_DIRECTIONS)] + turns
-        ends = components(signs * forces[:, element.end_places], angles)
+        # Of what acts at the ends, and of jumps inside.
+        acting = [signs * forces[:, element.end_places], -inside.reshape(count, -1, 3)]
+        ends = components(np.concatenate(acting, axis=1), angles)
         x, h, *weights = numbers[numbers_of_output(self._name)]
         if not weights:  # of N, Q or M itself
             weights = np.eye(3)[self._components[0]]
-        values = [np.hstack([ends.reshape(-1, 6), gauss[..., k]]) for k in self._components]
+        flat, first = ends.reshape(count, -1), ends[0].size
+        values = [np.hstack([flat, gauss[..., k]]) for k in self._components]
 
         def all_shares(x: float, h: float) -> list[np.ndarray]:
-            return [_shares(k, degree, x, h) for k in self._components]
+            return [_shares(k, degree, x, h, element.inside) for k in self._components]
 
         def slope(change: np.ndarray) -> np.ndarray:
             """Along a change of x and h: shares are polynomials of the fourth degree at most."""
@@ -185,26 +222,29 @@ class SectionOutput(RowOutput):
             differences = np.array([1.0, -8.0, 8.0, -1.0]) / 12
             return sum(weights[k] * (v @ np.array(p).T @ differences) for k, v, p in parts)
 
-        steps = np.diag([_STEP, _STEP * h])
+        # Not over a place at which M bends.
+        step = min(abs(element.inside - x) / 3, default=_STEP)
+        steps = np.diag([min(step, _STEP) or _STEP, _STEP * h])
         number_slopes = np.zeros((count, len(numbers[numbers_of_output(self._name)])))
         number_slopes[:, :2] = np.stack([slope(step) for step in steps], axis=1) / np.diag(steps)
-        shares, own = np.zeros(6), np.zeros((degree, 3))
+        shares, own = np.zeros(first), np.zeros((degree, 3))
         for k, component_values, component_shares in zip(
             self._components, values, all_shares(x, h), strict=True
         ):
-            shares += weights[k] * component_shares[:6]
-            own[:, k] = weights[k] * component_shares[6:]
+            shares += weights[k] * component_shares[:first]
+            own[:, k] = weights[k] * component_shares[first:]
             if number_slopes.shape[1] > 2:
                 number_slopes[:, 2 + k] = component_values @ component_shares
-        end_shares = shares.reshape(2, 3)
+        end_shares = shares.reshape(-1, 3)
         angle_slopes = end_shares[:, 0] * ends[..., 1] - end_shares[:, 1] * ends[..., 0]
         c, s, (N, Q, M) = np.cos(angles), np.sin(angles), end_shares.T
         end_slopes = np.stack([c * N - s * Q, s * N + c * Q, np.broadcast_to(M, c.shape)], axis=-1)
-        #: Derivatives by forces (n, width) on the nodes, angles (n, 2) at the ends, and values
-        #: (degree, 3) at the Gauss points; blocks of those that are no sums over sub-steps.
+        #: Derivatives by forces (n, width) on the nodes and (n, 3 m) inside, angles (n, 2 + m), and
+        #: values (degree, 3) at the Gauss points; blocks of those that are no sums over sub-steps.
+        self._inside_slopes = -end_slopes[:, 2:].reshape(count, -1)
         self._force_slopes, self._angle_slopes = np.zeros_like(forces), angle_slopes
         self._gauss_slopes = own
-        self._force_slopes[:, element.end_places] = signs * end_slopes
+        self._force_slopes[:, element.end_places] = signs * end_slopes[:, :2]
         every = np.arange(count)
         self._row_blocks = [of_rows(numbers_of_output(self._name), every, number_slopes)]
         self._row_blocks.append(of_rows(self._number(_DIRECTIONS), every, angle_slopes))
@@ -261,10 +301,12 @@ class SectionOutput(RowOutput):
                 yield from sub_steps.in_steps(steps, [block])
         for name, factor in (("increment", model.scheme.rates.level), ("start", 1.0)):
             turned = by_name.setdefault(name, np.zeros((len(chosen), model.size)))
-            turned[:, element.turns] += factor * shares * self._angle_slopes[rows]
+            angle_slopes = self._angle_slopes[rows] @ element.turn_shares
+            turned[:, element.turns] += factor * shares * angle_slopes
         yield from sub_steps.in_steps(steps, of_names(rows, by_name))
         loads = np.where(steps < 0, len(sub_steps.tape), steps)
         yield of_rows(self._number(_DEAD), rows, -weights, loads)
+        yield of_rows(self._number(_INSIDE), rows, shares * self._inside_slopes[rows], loads)
 
     def _by_accelerations(self, slopes: np.ndarray) -> Iterator[Block]:
         """By rates and accelerations at the start, from derivatives (n, width) by means."""

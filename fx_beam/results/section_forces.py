@@ -13,7 +13,7 @@ from fx_beam.errors import is_one_of, real_array, require
 from fx_beam.scene.beam import gauss_rule, lagrange
 
 # Distance of places from a node, relative to the length of a beam, at which they are at it.
-_AT_NODE = 1e-9
+AT_NODE = 1e-9
 
 
 class SectionForces(NamedTuple):
@@ -52,7 +52,7 @@ class Balance:
     @cached_property
     def owners(self) -> np.ndarray:
         """Elements (m,) that these act on: at a node that behind it, as of `BeamPlace.element`."""
-        places = self.places + _AT_NODE * self.s[-1]
+        places = self.places + AT_NODE * self.s[-1]
         return np.clip(np.searchsorted(self.s, places, "right") - 1, 0, len(self.s) - 2)
 
     @classmethod
@@ -76,7 +76,7 @@ class Balance:
     def at(self, gauss: np.ndarray, s, side: str) -> SectionForces:
         """Section forces at arc lengths s, by values (rows, points, 3) at the Gauss points."""
         places, length = np.atleast_1d(real_array(s)), self.s[-1]
-        tolerance = _AT_NODE * length
+        tolerance = AT_NODE * length
         is_on_beam = (places > -tolerance) & (places < length + tolerance)
         expected = f"arc lengths from 0 to the length of the beam, {length:g}"
         require(places.ndim == 1 and bool(is_on_beam.all()), "at: s", s, expected)
@@ -86,11 +86,14 @@ class Balance:
         x = (places - self.s[element]) / np.diff(self.s)[element]
         return SectionForces(places, *self._values(gauss, element, x, shift))
 
-    def in_elements(self, gauss: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """N, Q and M (3, rows, elements, points) at points x (points,) of each element."""
+    def in_elements(self, gauss: np.ndarray, x: np.ndarray, behind: float = 0.0) -> np.ndarray:
+        """N, Q and M (3, rows, elements, points) at points x (points,) of each element.
+
+        Points are `behind` [m] of these where loads act.
+        """
         count = len(self.s) - 1
         elements, points = np.repeat(np.arange(count), len(x)), np.tile(x, count)
-        values = self._values(gauss, elements, points, 0.0)
+        values = self._values(gauss, elements, points, behind)
         return values.reshape(3, len(gauss), count, len(x))
 
     def _values(self, gauss, element: np.ndarray, x: np.ndarray, shift: float) -> np.ndarray:

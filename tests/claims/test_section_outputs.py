@@ -163,6 +163,50 @@ def test_equilibria_have_derivatives(degree):
     assert_derivatives(run, np.ones(3))
 
 
+def loaded_inside(x, degree, is_static=True):
+    """A curved arm with forces and a couple inside the elements of its outputs."""
+    data = {"EA": 1e4 * x[0], "GA": 1e4, "EI": 10.0, "rhoA": x[1], "rhoI": 0.01}
+    axis = fb.arc((0, 0), (0.5, 0.3), (1, 0.2)) if degree > 1 else [(0, 0), (1, 0.3)]
+    scene = fb.Scene(gravity=(0, -9.81))
+    arm = scene.add_beam(axis, fb.Section(**data), elements=2, degree=degree)
+    scene.clamp(arm.start)
+    s = [part * float(arm.length) for part in (0.15, 0.3, 0.4)]
+    push = (2.0 * x[2], -3.0 * x[1]) if is_static else lambda t: (2.0 * x[2] * (1 + t), -3.0 * x[1])
+    scene.add_force(arm.at(s[0]), push)
+    scene.add_moment(arm.at(s[1]), 0.7 * x[2])
+    scene.add_force(arm.at(s[2]), (x[0], 4.0 * x[2]))
+    return scene, sections(arm, 0.1, 0.15, 0.31, 0.5, 0.8)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_beside_forces_and_couples_inside_an_element_there_are_derivatives(degree):
+    run = fb.StaticResponse(lambda x: loaded_inside(x, degree), 4, newton=EXACT)
+    assert_derivatives(run, np.ones(3))
+    options = {"newton": EXACT, "dt": 0.01, "t_end": 0.06}
+    run = fb.Response(lambda x: loaded_inside(x, degree, is_static=False), **options)
+    assert_derivatives(run, np.ones(3))
+
+
+def test_the_place_of_a_section_may_move_beside_a_force_inside_its_element():
+    """M of a beam on two supports: P (L - a) s / L before the force, P a (L - s) / L behind."""
+
+    def build(x):
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (4, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9), elements=1)
+        scene.pin(beam.start)
+        scene.fix(beam.end, "y")
+        scene.add_force(beam.at(1.0), (0, -10.0))
+        return scene, {str(k): fb.Output("M", beam.at(place)) for k, place in enumerate(x)}
+
+    run = fb.StaticResponse(build, 1)
+    _, y = run([0.96, 1.02, 3.0])
+    J = run.jacobian()
+    assert [abs(y[name][-1]) for name in y] == pytest.approx([7.2, 7.45, 2.5], rel=1e-6)
+    signs = [np.sign(y[name][-1]) for name in y]
+    found = [signs[k] * J[str(k)][-1, k] for k in range(3)]
+    assert found == pytest.approx([7.5, -2.5, -2.5], rel=1e-6)
+
+
 def test_a_motion_from_an_equilibrium_has_derivatives():
     def at_rest(scene):
         return fb.static(scene, load_steps=3)
@@ -215,7 +259,14 @@ def test_what_has_no_section_forces_says_so():
     with pytest.raises(ValueError, match="need the history of"):
         fb.Motion(scene, dt=0.1, outputs=outputs, record=fb.Record())
     scene.remove(load)
-    scene.add_force(beam.at(0.3), (0, 1.0))
-    run = fb.StaticResponse(lambda x: (scene, outputs))
+
+
+def test_forces_inside_the_element_of_an_output_may_not_move():
+    def build(x):
+        scene, beam = clamped_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=10.0), 2)
+        scene.add_force(beam.at(0.3 * x[0]), (0, 1.0))
+        return scene, {"M": fb.Output("M", beam.at(0.3))}
+
+    run = fb.StaticResponse(build)
     run([1.0])
-    assert_refused("a force or couple acts inside its element", run.jacobian)
+    assert_refused("places of loads in the element of 'M'", run.jacobian)
