@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -62,6 +62,12 @@ class StepLaws:
             for parts in resultants
         ]
 
+    @property
+    def measures(self) -> list[Any]:
+        """Measure of the beams of each law."""
+        dx, count = self.fields.measure(self.fields.degree), len(self.laws)
+        return [dx(tag) for tag in range(count)] if count > 1 else [dx]
+
     def _step_resultants(self) -> list[list[Any]]:
         """The resultants of each law in a step of the present fields."""
         name = f"rates of {self._kind.scheme.name}"
@@ -104,6 +110,15 @@ class StepLaws:
         return own_law(energy) if evolution is None else law_of_step(energy, *evolution[:2])
 
 
+def internal_work(laws: StepLaws) -> Form:
+    """Virtual work of the resultants along all beams (eqs 15 to 17), the residual of a step."""
+    return sum(
+        r.virtual_work(laws.step) * dx
+        for parts, dx in zip(laws.parts, laws.measures, strict=True)
+        for r in parts
+    )
+
+
 class WeakForm:
     """Internal forces, tangent and energies of beams for a scheme, in UFL.
 
@@ -116,7 +131,9 @@ class WeakForm:
         #: The step, and the resultants in it.
         self.laws = laws = StepLaws(kind, symbols)
         self.fields, self.symbols = laws.fields, laws.symbols
-        self._build_residual()
+        self._residual = internal_work(laws)
+        self._build_energies()
+        self._refuse_fields()
         #: Names of all symbols.
         self.named = {
             **self.fields.names,
@@ -127,40 +144,41 @@ class WeakForm:
         if kind.works:
             self._add(kind.works)
 
-    def _build_residual(self) -> None:
-        dx = self.fields.measure(self.fields.degree)
-        none: Form = 0
-        #: The last is the work of natural strains that change.
-        self._residual = self._held_before = self._actuation = none
-        stored = lost = scheme_loss = scheme_energy = none
-        for tag, (law, parts) in enumerate(zip(self.laws.laws, self.laws.parts, strict=True)):
-            dx_law = dx(tag) if len(self.laws.laws) > 1 else dx
-            for r in parts:
-                self._residual += r.virtual_work(self.laws.step) * dx_law
-                if self.kind.natural:
-                    self._actuation += actuation(self.laws.step, r) * dx_law
-                if isinstance(r, DecayingResultants):
-                    scheme_loss += r.loss * dx_law
-                    scheme_energy += 0 if r.held is None else r.held * dx_law
-                    self._held_before += 0 if r.held_before is None else r.held_before * dx_law
-            stored += law.start.energy(*self.laws.step.strains0) * dx_law
-            (energy, internal), evolution = self.kind.materials[tag], self.laws.evolution[tag]
-            if energy is not None and internal is not None:
-                strains = self.laws.step.strains0, self.laws.step.strains1
-                arguments = self.symbols.with_values(energy), internal.level, evolution, strains
-                lost += evolution_loss(*arguments, self.kind.scheme.rates.at_rest) * dx_law
-            if self.symbols.times is not None:
-                lost += viscous_loss(self.laws.step, law, self.symbols.times) * dx_law
+    def _build_energies(self) -> None:
+        laws, step = self.laws, self.laws.step
+        parts = [(r, dx) for parts, dx in zip(laws.parts, laws.measures, strict=True) for r in parts]
+        #: Work of natural strains that change.
+        self._actuation = sum(actuation(step, r) * dx for r, dx in parts if self.kind.natural)
+
+        def of_scheme(name: str) -> Form:
+            decaying = [(r, dx) for r, dx in parts if isinstance(r, DecayingResultants)]
+            densities = [(getattr(r, name), dx) for r, dx in decaying]
+            return sum(density * dx for density, dx in densities if density is not None)
+
+        self._held_before = of_scheme("held_before")
+        pairs = [*zip(laws.laws, laws.measures, strict=True)]
+        stored = sum(law.start.energy(*step.strains0) * dx for law, dx in pairs)
+        lost = sum(loss * dx for n, (_, dx) in enumerate(pairs) for loss in self._losses_of(n))
         full = self.fields.measure(self.fields.degree + 1)  # exact for products of two fields
         #: Apart, as FFCx confuses two rules in one form if one of them has a single point.
         self._drag_work, lost_to_drag = (
-            quantity(self.laws.step, self.symbols.drag) * full if self.symbols.drag else none
+            quantity(step, self.symbols.drag) * full if self.symbols.drag else 0
             for quantity in (drag_work, drag_loss)
         )
         #: Energies by name: stored, what the scheme holds for the next step, and `LOSSES`.
-        self._energies = {"strain energy": stored, "scheme's energy": scheme_energy}
-        self._energies |= dict(zip(LOSSES, (lost, scheme_loss, lost_to_drag), strict=True))
-        self._refuse_fields()
+        self._energies = {"strain energy": stored, "scheme's energy": of_scheme("held")}
+        losses = lost, of_scheme("loss"), lost_to_drag
+        self._energies |= dict(zip(LOSSES, losses, strict=True))
+
+    def _losses_of(self, number: int) -> Iterator[Expr]:
+        """Energies per length that the material of a law loses in a step."""
+        laws, step, (energy, internal) = self.laws, self.laws.step, self.kind.materials[number]
+        if energy is not None and internal is not None:
+            strains = step.strains0, step.strains1
+            arguments = self.symbols.with_values(energy), internal.level, laws.evolution[number]
+            yield evolution_loss(*arguments, strains, self.kind.scheme.rates.at_rest)
+        if self.symbols.times is not None:
+            yield viscous_loss(step, laws.laws[number], self.symbols.times)
 
     def _refuse_fields(self) -> None:
         if self._open:
@@ -254,11 +272,10 @@ class WeakForm:
 
     def _at_points(self, vectors: Sequence[Expr], test: Expr) -> Form:
         """Vectors of the laws, None for none, at the Gauss points, each times its weight."""
-        dx, form = self.fields.measure(self.fields.degree), 0
-        for tag, values in enumerate(vectors):
+        form = 0
+        for values, dx in zip(vectors, self.laws.measures, strict=True):
             if values is not None:
-                density = sum(values[i] * test[i] for i in range(len(values))) / self.laws.step.h
-                form += density * (dx(tag) if len(vectors) > 1 else dx)
+                form += sum(values[i] * test[i] for i in range(len(values))) / self.laws.step.h * dx
         return form
 
     def resultants_at_points(self) -> Written:
