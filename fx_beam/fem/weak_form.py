@@ -72,6 +72,8 @@ class StepLaws:
         """The resultants of each law in a step of the present fields."""
         name = f"rates of {self._kind.scheme.name}"
         self.step = self.fields.step(self._kind.scheme.rates, name, self._kind.natural)
+        if own_strains := self._kind.scheme.strains:
+            self.step = replace(self.step, own_strains=own_strains)
         #: Internal variables of each law that has some, as `evolved` gives them.
         self.evolution = [self._evolved(variables) for _, variables in self._kind.materials]
         #: The laws themselves.
@@ -79,8 +81,9 @@ class StepLaws:
             self._law(energy, evolution)
             for (energy, _), evolution in zip(self._kind.materials, self.evolution, strict=True)
         ]
-        scheme_resultants: Any = self._kind.scheme.resultants
-        if self._kind.scheme.parameters:
+        scheme: Any = self._kind.scheme
+        scheme_resultants = scheme.resultants
+        if scheme.parameters:
             scheme_resultants = replace(
                 scheme_resultants, damping=replaced(scheme_resultants.damping, self.symbols.by_name)
             )
@@ -90,6 +93,11 @@ class StepLaws:
             name = f"{self._kind.scheme.name}: what resultants(step, law) gives"
             require(hasattr(law_resultants, "N"), name, law_resultants, "fx_beam.Resultants")
         if symbols.times is not None:
+            if scheme.strains is not None:
+                raise SceneError(
+                    f"{scheme.name}: it has strains of its own, of which viscous forces are not "
+                    "known. Leave out `retardation`, `rayleigh` and `damping_ratio`"
+                )
             for law, parts in zip(self.laws, resultants, strict=True):
                 parts.append(viscous(self.step, law, symbols.times, level))
         return resultants
@@ -146,7 +154,8 @@ class WeakForm:
 
     def _build_energies(self) -> None:
         laws, step = self.laws, self.laws.step
-        parts = [(r, dx) for parts, dx in zip(laws.parts, laws.measures, strict=True) for r in parts]
+        groups = zip(laws.parts, laws.measures, strict=True)
+        parts = [(r, dx) for resultants, dx in groups for r in resultants]
         #: Work of natural strains that change.
         self._actuation = sum(actuation(step, r) * dx for r, dx in parts if self.kind.natural)
 
@@ -157,7 +166,8 @@ class WeakForm:
 
         self._held_before = of_scheme("held_before")
         pairs = [*zip(laws.laws, laws.measures, strict=True)]
-        stored = sum(law.start.energy(*step.strains0) * dx for law, dx in pairs)
+        energy = self.kind.scheme.stored_energy
+        stored = sum(energy(law.start, step.strains0) * dx for law, dx in pairs)
         lost = sum(loss * dx for n, (_, dx) in enumerate(pairs) for loss in self._losses_of(n))
         full = self.fields.measure(self.fields.degree + 1)  # exact for products of two fields
         #: Apart, as FFCx confuses two rules in one form if one of them has a single point.
@@ -191,7 +201,11 @@ class WeakForm:
             self.symbols.parameters,
         ]
         # UFL extracts those of the form anyway, and caches them.
-        refuse_fields([*self._residual.coefficients(), *self._residual.constants()], name, allowed)
+        stored = (
+            self._energies["strain energy"] if self.kind.scheme.has_own_energy else ufl.Form([])
+        )
+        for form in (self._residual, stored):
+            refuse_fields([*form.coefficients(), *form.constants()], name, allowed)
         for law_resultants in self.laws.resultants:
             refuse_fields_in(law_resultants, name, allowed)
 
@@ -284,7 +298,8 @@ class WeakForm:
 
     def normal_stretch(self) -> Written:
         """t . phi' of eq. 4 at the start of the step, 1 and the axial strain, there."""
-        return self._expressions("normal stretch", [1 + self.laws.step.total_strains0[0]])
+        step = replace(self.laws.step, own_strains=None)
+        return self._expressions("normal stretch", [1 + step.total_strains0[0]])
 
     def _expressions(self, name: str, expressions: Sequence[Expr]) -> Written:
         points = gauss_rule(self.fields.degree)[0][:, None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 
 import ufl
 from dolfinx import fem
@@ -17,7 +18,6 @@ from fx_beam.fem.weak_form import WeakForm
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import NewmarkRates
 from fx_beam.laws.resultants import Resultants as StepResultants
-from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.law import Law
 from fx_beam.step.model import Model
 
@@ -29,13 +29,17 @@ from .versions import CompiledForm, compiled, confuses_rules, fits, is_empty, te
 Resultants = Callable[[Step, Law], StepResultants]
 #: Stored energy per length of axial strain, shear strain and curvature.
 StrainEnergy = Callable[[Expr, Expr, Expr], Expr]
+# Works and losses of a step that belong to the resultants of the scene.
+_COUNTED = {"lost energy", "scheme's loss", "work of natural strains"}
 
 
 class Term:
     """A term of the residual, compiled with its tangent when a step first needs it."""
 
-    def __init__(self, form: ufl.Form, fields: StepFields):
+    def __init__(self, form: ufl.Form, fields: StepFields, over_beams: ufl.Form | None = None):
         self.form, self._fields = form, fields
+        #: The same form, of which subdomains are beams.
+        self.over_beams = over_beams or form
 
     @functools.cached_property
     def compiled(self) -> list[CompiledForm | None]:
@@ -66,7 +70,7 @@ class StepForm:
         #: Whether the resultants of the scene are replaced.
         self.replaced = resultants is not None
         if resultants is not None:
-            kind = kind._replace(scheme=Scheme(scheme.name, resultants, scheme.rates))
+            kind = kind._replace(scheme=replace(scheme, resultants=resultants))
         written = WeakForm(kind, DolfinxSymbols(grid, grid.tagged(grid.beams.data.tags)))
         state = before.fields.state if before else None
         self.fields: StepFields = StepFields(written, model, grid, state)
@@ -74,10 +78,16 @@ class StepForm:
         self._checked: set[Expr | ufl.Form] = set()
         self._dead: set[Expr] = before._dead | {*before.fields.named} if before else set()
         forms = written.step_forms().forms
+        #: Losses and works of the scene's own resultants, which the engine counts.
+        self._counted: set[str] = before._counted if before else _COUNTED & forms.keys()
+        if self.replaced:
+            self._refuse_counted("replace_resultants", {"scheme's loss"})
         names = [name for name in ("internal forces", "drag") if name in forms]
         #: Terms of the scene, and of a user. Each is assembled by itself: FFCx 0.5 confuses
         #: quadrature rules.
-        self.terms = [Term(forms[name], self.fields) for name in names]
+        self.terms = [
+            Term(forms[name], self.fields, grid.of_materials(forms[name])) for name in names
+        ]
         self.added: list[Term] = []
         #: Natural strains (3,) at the end of a step in UFL, by a user.
         self.natural: Expr | None = before.natural if before else None
@@ -98,8 +108,7 @@ class StepForm:
     @property
     def parts(self) -> list[ufl.Form]:
         """Forms of the scene and of a user, whose sum is the residual without inertia."""
-        own = [self.grid.of_materials(term.form) for term in self.terms]
-        return [*own, *(term.form for term in self.added)]
+        return [term.over_beams for term in (*self.terms, *self.added)]
 
     @property
     def F(self) -> ufl.Form:
@@ -142,20 +151,46 @@ class StepForm:
         """Whether there are forces that the scene does not have."""
         return self.replaced or bool(self.added)
 
-    def add(self, term: ufl.Form) -> None:
-        """Add a term to the residual, if it is one."""
-        test, expected = self.fields.symbols.test, "a form, such as c * problem.measure()"
-        require(isinstance(term, ufl.Form), "fenicsx: add: term", term, expected)
-        term = ufl.algorithms.expand_derivatives(term)
-        linear = "fenicsx: add: the term must be linear in step.virtual_u and step.virtual_psi"
-        mesh = self.grid.mesh
-        foreign = {domain.ufl_id() for domain in term.ufl_domains()} - {mesh.ufl_domain().ufl_id()}
-        if foreign or not all(fits(part.subdomain_data(), mesh) for part in term.integrals()):
+    def _refuse_counted(self, name: str, forms: set[str]) -> None:
+        if counted := sorted(self._counted & forms):
             raise SceneError(
-                "fenicsx: add: the term is an integral over another mesh. Use problem.measure(), "
+                f"fenicsx: {name}: the scene or its scheme has {' and '.join(counted)}, which "
+                "would be counted without a force. Leave them out, and write them in UFL"
+            )
+
+    def replace_work(self, F: ufl.Form, energy: ufl.Form | None) -> None:
+        """Have another virtual work of the beams, and their stored energy at the end of a step."""
+        self._refuse_counted("replace_form", _COUNTED)
+        term = self.term("replace_form", F)
+        if energy is not None:
+            name, increment = "fenicsx: replace_form: energy", self.fields.symbols.increment
+            energy = self._integral_of("replace_form: energy", energy)
+            require(not energy.arguments(), name, energy, "a form without test functions")
+            at_end = self.fields.ends | {increment: fem.Function(increment.function_space)}
+            self._energy = compiled(ufl.replace(energy, at_end))
+        else:
+            self._energy = None
+        self.terms[0], self._lost, self.replaced = term, None, True
+        self.fields.resultants = [ufl.as_vector(3 * [fem.Constant(self.grid.mesh, np.nan)])]
+
+    def _integral_of(self, name: str, form: ufl.Form) -> ufl.Form:
+        """A form of a user with its derivatives written out, if it is one on the mesh."""
+        expected = "a form, such as c * problem.measure()"
+        require(isinstance(form, ufl.Form), f"fenicsx: {name}", form, expected)
+        form, mesh = ufl.algorithms.expand_derivatives(form), self.grid.mesh
+        foreign = {domain.ufl_id() for domain in form.ufl_domains()} - {mesh.ufl_domain().ufl_id()}
+        if foreign or not all(fits(part.subdomain_data(), mesh) for part in form.integrals()):
+            raise SceneError(
+                f"fenicsx: {name}: it is an integral over another mesh. Use problem.measure(), "
                 "or a measure with domain=problem.mesh"
             )
-        self.check("add", term)
+        self.check(name, form)
+        return form
+
+    def term(self, name: str, form: ufl.Form) -> Term:
+        """A term of the residual by a user, if it is one."""
+        test, term = self.fields.symbols.test, self._integral_of(name, form)
+        linear = f"fenicsx: {name}: it must be linear in step.virtual_u and step.virtual_psi"
         if [*term.arguments()] != [test]:
             other_arguments = ", ".join(str(u) for u in term.arguments() if u != test)
             raise SceneError(f"{linear} of problem.step; it has {other_arguments or 'neither'}")
@@ -166,7 +201,7 @@ class StepForm:
                 arities.check_integrand_arity(integral.integrand(), (test,))
         except (ValueError, arities.ArityMismatch) as error:  # the first of products of both
             raise SceneError(f"{linear}, not {str(term)[:200]}") from error
-        self.added.append(Term(term, self.fields))
+        return Term(term, self.fields)
 
     def check(self, name: str, *parts: Expr | ufl.Form) -> None:
         """Refuse symbols of another mesh, of a form before, and symbols without values."""

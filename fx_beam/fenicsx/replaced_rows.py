@@ -54,5 +54,5 @@ class ReplacedRows:
             N, Q, M = np.moveaxis(rows[:, cells].reshape(len(rows), -1, 3), -1, 0)
             return BeamResultants(arc_lengths(beam, gauss_rule(beam.degree)[0]).ravel(), N, Q, M)
 
-        solution.resultants_of_beam = resultants
+        solution.resultants_of_beam, solution.has_own_energy = resultants, True
         return solution

@@ -114,7 +114,7 @@ class Steps:
         SceneError
             For what is no such form, and for one on another mesh.
         """
-        self._form.add(term)
+        self._form.added.append(self._form.term("add", term))
 
     def replace_resultants(
         self,
@@ -153,6 +153,31 @@ class Steps:
         )
         self._set_form(form, loop)
         form.fields.end(self._state)
+
+    def replace_form(self, F: ufl.Form, energy: ufl.Form | None = None) -> None:
+        """Replace the virtual work of all beams by a form as a whole.
+
+        Inertia, drag, loads, joints, forces at points and added terms stay those of the scene. N, Q
+        and M of a solution are nan then, as they are in no form.
+
+        Parameters
+        ----------
+        F : ufl.Form
+            Virtual work of the beams over `mesh`, linear in `test`: of `start`, `increment` and
+            what follows from them in `step`, and of Functions and Constants on `mesh`. In a step of
+            `Equilibrium` it may be ``ufl.derivative(Pi, problem.increment, problem.test)``.
+        energy : ufl.Form, optional
+            Stored energy Pi [J] of `start` and `increment`, at the end of the step, for `energies`
+            and for solutions; without it the strain energy is nan there.
+
+        Raises
+        ------
+        SceneError
+            For what is no such form, and in scenes with retardation, internal variables, or natural
+            strains, and schemes with losses, which would be in no form. Then all is as before.
+        """
+        self._form.replace_work(F, energy)
+        self.resultants = self._form.fields.resultants
 
     @property
     def natural_strains(self) -> Expr | None:

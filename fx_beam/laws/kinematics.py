@@ -85,6 +85,7 @@ class StepFields:
     memory: Expr = None
     natural0: Expr = None
     natural1: Expr = None
+    own_strains: Any = None
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,8 @@ class Step(StepFields):
     natural0, natural1 : ufl vector (3,), optional
         Natural strains (axial, shear, curvature) at the start and at the end of the step; None
         without any.
+    own_strains : callable, optional
+        The ``strains`` of the `Scheme`, if it has its own.
 
     Examples
     --------
@@ -210,6 +213,8 @@ class Step(StepFields):
         return self._strains(self.u_before, self.psi_before, turn)
 
     def _strains(self, u, psi, turn):
+        if self.own_strains is not None:
+            return self.own_strains(self, u, psi)
         return strains(self.prime(u), self.t0 + turn, turn, self.prime(psi))
 
     @property

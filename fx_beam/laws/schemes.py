@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 from fx_beam.errors import SceneError, as_float, check_takes, is_number, is_one_of, require, shown
 from fx_beam.scene.law import Law
-from fx_beam.scene.parameters import is_parameter
+from fx_beam.scene.parameters import is_parameter, refused
+from fx_beam.symbolic import Expr, ufl
 
 from .kinematics import Step
 from .rates import AtRest, MidPointRates, NewmarkRates, NodalRates
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 #: Sub-steps that the loop over time steps has room for (c/tables.h).
 MOST_SUB_STEPS = 32
 _S = 1 / (4 - 4 ** (1 / 3))
+Strains = Callable[[Step, Expr, Expr], Sequence[Expr]]
 # Suzuki's composition of order four; its third sub-step goes back in time.
 _FRACTIONS = {2: (1.0,), 4: (_S, _S, 1 - 4 * _S, _S, _S)}
 
@@ -50,6 +53,19 @@ class Scheme:
         Lengths of the sub-steps of a composition, relative to the step; some may go back in time.
         They must end inside the step or at its end. The scheme must be symmetric in time, with
         forces at mid-step, unless its rates are `NodalRates`. By default a step has no sub-steps.
+    strains : callable, optional
+        ``strains(step, u, psi)`` gives axial strain, shear strain and curvature of a configuration
+        as UFL expressions, by default those of Reissner's theory (eqs 9, 10 and 12). They are the
+        strains of `Step`, of stored energies and of internal variables.
+    energy : callable, optional
+        ``energy(law, eps, gamma, kappa)`` gives the stored energy per length [J/m], by default
+        ``law.energy(eps, gamma, kappa)``.
+
+    Notes
+    -----
+    A theory of your own is a class of `Resultants` with its own `Resultants.virtual_work`. With its
+    `strains`, and an `energy` if N, Q and M are no derivatives of that of the law, energies of
+    solutions are those of the theory.
 
     Examples
     --------
@@ -59,7 +75,9 @@ class Scheme:
     >>> def with_tension(step, law):
     ...     r = fb.MidPoint().resultants(step, law)
     ...     return r._replace(N=r.N + 10.0)
-    >>> scheme = fb.Scheme("with tension", with_tension, fb.MidPointRates())
+    >>> def energy(law, eps, gamma, kappa):
+    ...     return law.energy(eps, gamma, kappa) + 10.0 * eps
+    >>> scheme = fb.Scheme("with tension", with_tension, fb.MidPointRates(), energy=energy)
     >>> scheme.rates
     MidPointRates()
     """
@@ -68,6 +86,8 @@ class Scheme:
     resultants: Callable[[Step, Law], Resultants | WeightedResultants]
     rates: MidPointRates | NewmarkRates | NodalRates | AtRest
     fractions: tuple[float, ...] = (1.0,)
+    strains: Strains | None = None
+    energy: Callable[..., Expr] | None = None
     #: The call that made it, if it was one of those below; `replace` forgets it.
     _call: str = field(default="", init=False, compare=False)
 
@@ -96,6 +116,20 @@ class Scheme:
                 f"Scheme: sub-steps need a scheme that is symmetric in time, but the forces of "
                 f"{self.name} are at level {self.rates.level:g} of a step. Use MidPointRates()"
             )
+        if self.strains is not None:
+            _check_strains(self.strains)
+        if self.energy is not None:
+            check_takes(self.energy, "law, eps, gamma, kappa", "Scheme: energy")
+
+    def stored_energy(self, law: Law, strains: Sequence[Expr]) -> Expr:
+        """Stored energy of a law per length [J/m]."""
+        energy = law.energy if self.energy is None else partial(self.energy, law)
+        return ufl.as_ufl(energy(*strains))
+
+    @property
+    def has_own_energy(self) -> bool:
+        """Whether members do not store the energy of their sections in Reissner's strains."""
+        return self.strains is not None or self.energy is not None
 
     @property
     def parameters(self) -> list[Parameter]:
@@ -106,7 +140,8 @@ class Scheme:
     @property
     def balances_energy(self) -> bool:
         """Whether each step balances energy exactly, and holds none for the next step."""
-        return self.resultants is _exact and self.rates.mean_based
+        is_exact = self.resultants is _exact and not self.has_own_energy
+        return is_exact and self.rates.mean_based
 
     @property
     def key(self) -> tuple[str, str]:
@@ -121,7 +156,18 @@ class Scheme:
         """Whether resultants and rates are of this package, so that their UFL never changes."""
         is_own = self.resultants in (at_mid_step, averaged, _exact)
         is_own = is_own or type(self.resultants) in (AtEnds, Decaying)
-        return is_own and not self.rates.user_defined
+        return is_own and not self.rates.user_defined and not self.has_own_energy
+
+
+def _check_strains(function: Strains) -> None:
+    """Refuse strains that are no three scalars in UFL."""
+    from fx_beam.scene.symbols import STEP
+
+    check_takes(function, "step, u, psi", "Scheme: strains")
+    with refused("Scheme: strains(step, u, psi) must give three UFL expressions"):
+        shapes = [ufl.as_ufl(x).ufl_shape for x in function(STEP, STEP.u0, STEP.psi0)]
+    expected = "the shapes of three scalars: axial strain, shear strain and curvature"
+    require(shapes == 3 * [()], "Scheme: strains(step, u, psi)", shapes, expected)
 
 
 def _divide_a_step(fractions) -> bool:

@@ -114,7 +114,7 @@ def solution_of(
             )
         return state.reshaped(-1, 3)
 
-    return Solution(
+    solution = Solution(
         histories,
         X=mesh.X,
         energy=None,
@@ -134,6 +134,8 @@ def solution_of(
         turns_of_line={} if spring_rows is None else _turns_of_line(model, spring_rows),
         stability=stability,
     )
+    solution.has_own_energy = model.scheme.has_own_energy
+    return solution
 
 
 def check_rates(recorder: Recorder) -> None:

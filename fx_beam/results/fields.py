@@ -121,6 +121,11 @@ def _at_points(solution, quantity: str, rows: list[int]) -> np.ndarray:
 
 def energy_density(solution, rows: list[int]) -> np.ndarray:
     """Stored energy per length (rows, elements, degree) of beams at their Gauss points [J/m]."""
+    if solution.has_own_energy:
+        raise ValueError(
+            "the strain energy along a member is not known: resultants, strains or energy are your "
+            "own, not those of its section. Take N, Q, M or speed"
+        )
     if any(beam.section is None for beam in solution.beams.values()):
         raise ValueError(
             "the strain energy along a member needs its section, which a saved file does not hold; "

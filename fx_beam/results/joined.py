@@ -124,7 +124,7 @@ class _Joined:
         nodes = {name: self._nodes[beam_nodes] for name, beam_nodes in first.nodes_of_beam.items()}
         friction = first.variables_of_contact.items()
         friction = {self._contacts[number].number: rows for number, rows in friction}
-        return type(first)(
+        solution = type(first)(
             self._histories(),
             X=self.X,
             energy=Energy(**self._rows(vars(first.energy), vars(second.energy))),
@@ -141,6 +141,8 @@ class _Joined:
             variables_of_contact=self._rows(friction, second.variables_of_contact),
             turns_of_line=self._rows(first.turns_of_line, second.turns_of_line),
         )
+        solution.has_own_energy = first.has_own_energy or second.has_own_energy
+        return solution
 
     def _histories(self) -> dict[str, np.ndarray]:
         first, second, histories = self._first, self._second, dict[str, np.ndarray]()

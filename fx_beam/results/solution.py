@@ -200,6 +200,8 @@ class Solution:
         self.origin: Any = None
         #: The path of these equilibria, for derivatives; copies have none.
         self.load_path: Any = None
+        #: Whether members store other energies than their sections do, by a user.
+        self.has_own_energy = False
         #: Loads on nodes at these equilibria, and fading forces (2,) by node, for pictures.
         self.loads_on_nodes: Any = None
 

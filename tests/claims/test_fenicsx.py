@@ -437,6 +437,99 @@ def test_a_theory_of_ones_own_is_a_class_with_its_virtual_work():
     assert_same(here, fb.simulate(scene, scheme, dt=DT, t_end=T_END), 1e-11)
 
 
+def mean_slope_theory(step, strains, stiffnesses):
+    """Virtual work of von Karman's theory with mean slopes: the energy is exact in each step."""
+    ends = (step.u0, step.psi0), (step.u0 + step.Du, step.psi0 + step.Dpsi)
+    e0, e1 = (strains(step, *end) for end in ends)
+    N, Q, M = (C * (a + b) / 2 for C, a, b in zip(stiffnesses, e0, e1, strict=True))
+    (du, dw), slope = step.prime(step.virtual_u), step.prime(step.u0 + step.Du / 2)[1]
+    turning = Q * (dw - step.virtual_psi) + M * step.prime(step.virtual_psi)
+    stored = sum(C * e**2 for C, e in zip(stiffnesses, e1, strict=True)) / 2
+    return N * (du + slope * dw) + turning, stored
+
+
+def von_karman_strains(step, u, psi):
+    du, dw = step.prime(u)
+    return du + dw**2 / 2, dw - psi, step.prime(psi)
+
+
+def test_a_form_of_ones_own_with_its_energy_is_a_scheme_with_its_strains():
+    class MeanSlope(fb.Resultants):
+        def virtual_work(self, step):
+            return mean_slope_theory(step, von_karman_strains, (1e4, 1e4, 100.0))[0]
+
+    def resultants(step, law):
+        means = [(a + b) / 2 for a, b in zip(step.strains0, step.strains1, strict=True)]
+        return MeanSlope(step.t0, step.t0, *law.resultants(*means), m=0.0)
+
+    scene, beam = cantilever(4)
+    scene.add_force(beam.end, (0, -30.0))
+    rates = fb.NewmarkRates(0.25, 0.5, 0.5, 0.5)
+    own = fb.Scheme("own", resultants, rates, strains=von_karman_strains)
+    engine = fb.simulate(scene, own, dt=DT, t_end=T_END)
+    assert engine.energy.strain.max() > 0.5
+    assert abs(engine.energy.balance_error).max() < 1e-11
+    # Their formulas, of what each element has in its middle.
+    q, h = engine.q, 1 / 4
+    (du, dw, bend), psi = np.moveaxis(np.diff(q, axis=1) / h, -1, 0), q[..., 2]
+    shear = dw - (psi[:, 1:] + psi[:, :-1]) / 2
+    squares = 1e4 * (du + dw**2 / 2) ** 2 + 1e4 * shear**2 + 100 * bend**2
+    np.testing.assert_allclose(engine.energy.strain, h / 2 * squares.sum(axis=1), rtol=1e-10)
+    with pytest.raises(ValueError, match="your own"):
+        fb.plot.shapes(engine, colour="strain energy")
+
+    problem = fenicsx.Problem(scene, fb.Scheme("plain", resultants, rates), dt=DT)
+    work, stored = mean_slope_theory(problem.step, von_karman_strains, (1e4, 1e4, 100.0))
+    problem.replace_form(work * problem.dx, energy=stored * problem.dx)
+    solution = problem.run(T_END)
+    assert_same(solution, engine, 1e-11)
+    np.testing.assert_allclose(solution.energy.strain, engine.energy.strain, atol=1e-12)
+    assert problem.energies()["strain"] == pytest.approx(engine.energy.strain[-1], rel=1e-10)
+    assert abs(solution.energy.balance_error).max() < 1e-11
+    assert np.isnan(solution.resultants(beam).M).all()  # they are in no form
+    assert [part.arguments() for part in problem.parts] == [(problem.test,)]
+
+
+def test_a_form_may_be_the_derivative_of_a_potential():
+    """Along a bar N = k (e^eps - 1), so that an end force gives eps in closed form."""
+    scene, bar = clamped_bar((1, 0), SECTION, 2)
+    scene.add_force(bar.end, (2e3, 0.0))
+    equilibrium = fenicsx.Equilibrium(scene)
+    u, psi = (
+        equilibrium.step.u0 + equilibrium.step.Du,
+        equilibrium.step.psi0 + equilibrium.step.Dpsi,
+    )
+    eps, slope = equilibrium.step.prime(u)
+    stored = 1e3 * (ufl.exp(eps) - 1 - eps) + 1e4 * (
+        slope**2 + psi**2 + equilibrium.step.prime(psi) ** 2
+    )
+    Pi = stored * equilibrium.dx
+    equilibrium.replace_form(ufl.derivative(Pi, equilibrium.increment, equilibrium.test), energy=Pi)
+    solution = equilibrium.run(4)
+    assert solution.displacement(bar.end)[-1, 0] == pytest.approx(np.log(3.0), rel=1e-9)
+    assert equilibrium.energies()["strain"] == pytest.approx(2e3 - 1e3 * np.log(3.0), rel=1e-9)
+
+
+def test_what_is_no_whole_form_is_refused_with_a_sentence():
+    scene, _, _ = pair()
+    problem = fenicsx.Problem(scene, dt=DT)
+    step, dx = problem.step, problem.dx
+    F, k = ufl.dot(step.Du, step.virtual_u) * dx, fem.Constant(problem.mesh, 1.0)
+    assert_refused("must be linear", problem.replace_form, k * dx)
+    assert_refused("a form without test functions", problem.replace_form, F, energy=F)
+    assert_refused("energy", problem.replace_form, F, energy=1.0)
+    problem.advance()  # as before
+    engine = fb.simulate(scene, dt=DT, t_end=DT)
+    np.testing.assert_allclose(problem.system.T.shape[0], engine.q[-1].size)
+    damped = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1, retardation=0.01)
+    for section, scheme in ((damped, None), (SECTION, fb.EnergyDecaying())):
+        scene, _ = clamped_bar((1, 0), section, 2)
+        problem = fenicsx.Problem(scene, scheme, dt=DT)
+        F = ufl.dot(problem.step.Du, problem.step.virtual_u) * problem.dx
+        assert_refused("would be counted", problem.replace_form, F)
+    assert_refused("would be counted", problem.replace_resultants, von_karman)
+
+
 def test_numbers_are_expressions():
     scene, _ = cantilever(3)
     problem = fenicsx.Problem(scene, dt=DT)

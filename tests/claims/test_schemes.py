@@ -5,7 +5,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from scenes import clamped_bar, held_body, hinged_body, one_body, pinned_bar
+from scenes import assert_refused, clamped_bar, held_body, hinged_body, one_body, pinned_bar
 from scipy.integrate import quad, solve_ivp
 
 import fx_beam as fb
@@ -291,3 +291,38 @@ def test_motor_torques_of_a_driven_arm_are_of_second_order_by_newmarks_family(sc
         errors.append(abs(found - exact)[len(exact) // 2 :].max())
     assert errors[0] < 0.1
     assert order(steps, errors) > 1.8
+
+
+def test_strains_and_energies_that_are_none_are_refused():
+    def scheme(**options):
+        return fb.Scheme("own", fb.MidPoint().resultants, fb.MidPointRates(), **options)
+
+    assert_refused("three scalars", scheme, strains=lambda step, u, psi: (u[0], u[1]))
+    assert_refused("three UFL expressions", scheme, strains=lambda step, u, psi: np.sin(psi))
+    assert_refused("must take .step, u, psi", scheme, strains=lambda step: step.strains0)
+    assert_refused("must take .law, eps", scheme, energy=lambda eps: eps)
+    data = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0, "rhoI": 0.1}
+    scene, _ = clamped_bar((1, 0), fb.Section(**data, retardation=0.01), 2)
+    own = scheme(strains=lambda step, u, psi: (step.prime(u)[0], 0 * psi, step.prime(psi)))
+    assert_refused("viscous forces are not known", fb.simulate, scene, own, dt=0.1, t_end=0.1)
+
+
+def test_an_energy_of_a_scheme_balances_what_its_resultants_have_beside_the_law():
+    """A constant tension: its energy is linear in the axial strain."""
+    scene, beam = clamped_bar((1, 0), fb.Section(1e4, 1e4, 100.0, 1.0, 0.1), 4)
+    scene.add_force(beam.end, (0, -5.0))
+    exact = fb.EnergyMomentum()
+
+    def tense(step, law):
+        r = exact.resultants(step, law)
+        return type(r)(*r._replace(N=r.N + 10.0))
+
+    def energy(law, eps, gamma, kappa):
+        return law.energy(eps, gamma, kappa) + 10.0 * eps
+
+    plain = fb.simulate(scene, fb.Scheme("tense", tense, exact.rates), dt=0.01, t_end=0.2)
+    own = fb.Scheme("tense", tense, exact.rates, energy=energy)
+    solution = fb.simulate(scene, own, dt=0.01, t_end=0.2)
+    np.testing.assert_array_equal(solution.q, plain.q)
+    assert abs(plain.energy.balance_error).max() > 1e-3
+    assert abs(solution.energy.balance_error).max() < 1e-11
