@@ -22,9 +22,10 @@ extensions = [
     "sphinx.ext.linkcode",
     "numpydoc",
     "sphinx_copybutton",
-    # Our own: the demos' pages, pages of the sources, and formulas without a script from outside.
+    # Our own: the demos' pages, pages of the sources, formulas by schemes, and without a script.
     "gallery",
     "sources",
+    "written",
     "mathml",
 ]
 linkcode_resolve = sources.place_of

@@ -171,10 +171,11 @@ class WeakForm:
         lost = sum(loss * dx for n, (_, dx) in enumerate(pairs) for loss in self._losses_of(n))
         full = self.fields.measure(self.fields.degree + 1)  # exact for products of two fields
         #: Apart, as FFCx confuses two rules in one form if one of them has a single point.
-        self._drag_work, lost_to_drag = (
+        drag: list[Form] = [
             quantity(step, self.symbols.drag) * full if self.symbols.drag else 0
             for quantity in (drag_work, drag_loss)
-        )
+        ]
+        self._drag_work, lost_to_drag = drag
         #: Energies by name: stored, what the scheme holds for the next step, and `LOSSES`.
         self._energies = {"strain energy": stored, "scheme's energy": of_scheme("held")}
         losses = lost, of_scheme("loss"), lost_to_drag

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import ufl
 from dolfinx import fem
@@ -18,6 +19,7 @@ from fx_beam.fem.weak_form import WeakForm
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import NewmarkRates
 from fx_beam.laws.resultants import Resultants as StepResultants
+from fx_beam.laws.written import Formulas, Paper
 from fx_beam.scene.law import Law
 from fx_beam.step.model import Model
 
@@ -71,6 +73,8 @@ class StepForm:
         self.replaced = resultants is not None
         if resultants is not None:
             kind = kind._replace(scheme=replace(scheme, resultants=resultants))
+        #: Resultants of the step; None where a form has their place.
+        self._resultants: Any = kind.scheme.resultants
         written = WeakForm(kind, DolfinxSymbols(grid, grid.tagged(grid.beams.data.tags)))
         state = before.fields.state if before else None
         self.fields: StepFields = StepFields(written, model, grid, state)
@@ -146,6 +150,19 @@ class StepForm:
         work = sum(factor * a[i] * test[i] for i, factor in enumerate(factors))
         return work * self.grid.measure(None, points)
 
+    def written(self, style: str) -> Formulas:
+        """Resultants and terms as on paper."""
+        paper = Paper()
+        paper.name_step(self.fields.step)
+        if self._resultants is not None:
+            for energy, _ in self.grid.beams.kind.materials:
+                paper.add(self._resultants, quadratic=energy is None)
+        whole = [] if self._resultants is not None else self.terms[:1]
+        for term in (*whole, *self.added):
+            densities = (part.integrand() for part in term.form.integrals())
+            paper.lines += [("delta_W", density) for density in densities]
+        return paper.in_style(style)
+
     @property
     def has_further(self) -> bool:
         """Whether there are forces that the scene does not have."""
@@ -170,7 +187,7 @@ class StepForm:
             self._energy = compiled(ufl.replace(energy, at_end))
         else:
             self._energy = None
-        self.terms[0], self._lost, self.replaced = term, None, True
+        self.terms[0], self._resultants, self._lost, self.replaced = term, None, None, True
         self.fields.resultants = [ufl.as_vector(3 * [fem.Constant(self.grid.mesh, np.nan)])]
 
     def _integral_of(self, name: str, form: ufl.Form) -> ufl.Form:
@@ -201,7 +218,7 @@ class StepForm:
                 arities.check_integrand_arity(integral.integrand(), (test,))
         except (ValueError, arities.ArityMismatch) as error:  # the first of products of both
             raise SceneError(f"{linear}, not {str(term)[:200]}") from error
-        return Term(term, self.fields)
+        return Term(form, self.fields)
 
     def check(self, name: str, *parts: Expr | ufl.Form) -> None:
         """Refuse symbols of another mesh, of a form before, and symbols without values."""

@@ -66,6 +66,22 @@ class Steps:
 
     # -- The form ----------------------------------------------------------------------------------
 
+    def written(self, format: str = "text") -> str:
+        """Write resultants and terms as on paper, as `Scheme.written` does.
+
+        Parameters
+        ----------
+        format : {"text", "unicode", "latex"}
+            As in `Scheme.written`.
+
+        Returns
+        -------
+        str
+            Lines of each material, and a line ``delta_W`` of each term that was added. Functions
+            and Constants have their names, or values.
+        """
+        return self._form.written(format)
+
     @property
     def dx(self) -> ufl.Measure:
         """Measure of all beams: ``dx(i)`` is that of the beam ``scene.beams[i]``."""

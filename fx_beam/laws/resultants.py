@@ -92,7 +92,7 @@ def _turning_work_of_line(step: Step, lever, m):
     d = step.h * step.prime(step.Dpsi) / 4
     tan_h, tan_d = tan(step.Dpsi / 2), tan(d)
     # m 2d / sin(2d) cos(h - d) cos(h + d) + lever l/2 tan(h) tan(d)
-    couple = m * _x_over_tan(d, tan_d) * (1 - (tan_h * tan_d) ** 2) / (1 + tan_h**2)
+    couple = m * x_over_tan(d, tan_d) * (1 - (tan_h * tan_d) ** 2) / (1 + tan_h**2)
     couple += lever * (step.h / 2) * tan_h * tan_d
     return step.prime(step.virtual_psi) * couple - step.virtual_psi * lever
 
@@ -105,7 +105,7 @@ def _sine_quotient(x):
     return series
 
 
-def _x_over_tan(x, tan_x):
+def x_over_tan(x, tan_x):
     """x / tan(x), smooth at 0: below 0.02 a series, exact to round-off."""
     x2 = x**2
     series = 1 - x2 / 3 * (1 + x2 / 15 * (1 + x2 * 2 / 21))

@@ -126,6 +126,39 @@ class Scheme:
         energy = law.energy if self.energy is None else partial(self.energy, law)
         return ufl.as_ufl(energy(*strains))
 
+    def written(self, format: str = "text") -> str:
+        """Write the weak form of a step as on paper, by the functions that are compiled.
+
+        Indices 0, m and 1 are the start, the middle and the end of a step, Delta its increments,
+        delta virtual quantities. X' is the reference tangent, t the director, W a quarter turn, and
+        ' the derivative along the reference arc length. `a` is the acceleration in the equation of
+        motion, by D, the increment of displacements; of mid-point schemes D is 2 tan(Delta_psi/2)
+        for rotations. Resultants are those of linear elasticity.
+
+        Parameters
+        ----------
+        format : {"text", "unicode", "latex"}
+            Names in ASCII, Greek letters, or LaTeX, which notebooks show as formulas.
+
+        Returns
+        -------
+        str
+            Formulas in lines, delta_W per length; of elements of degree 1 where it depends on that.
+
+        Examples
+        --------
+        >>> import fx_beam as fb
+        >>> print(fb.MidPoint().written().splitlines()[-1])
+        a         = 2 (D/Delta_t - v_0)/Delta_t
+        """
+        from .written import Paper
+
+        paper = Paper()
+        paper.define()
+        paper.add(self.resultants)
+        paper.add_inertia(self.rates)
+        return paper.in_style(format)
+
     @property
     def has_own_energy(self) -> bool:
         """Whether members do not store the energy of their sections in Reissner's strains."""

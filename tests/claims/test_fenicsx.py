@@ -530,6 +530,26 @@ def test_what_is_no_whole_form_is_refused_with_a_sentence():
     assert_refused("would be counted", problem.replace_resultants, von_karman)
 
 
+def test_a_problem_is_written_with_the_names_of_its_fields():
+    scene, beam = cantilever()
+    problem = fenicsx.Problem(scene, fb.MidPoint(), dt=DT)
+    damage, k = problem.function("damage"), fem.Constant(problem.mesh, 50.0)
+
+    def damaged(step, law):
+        r = fb.MidPoint().resultants(step, law)
+        return r._replace(M=(1 - damage) * r.M, m=(1 - damage) * r.m)
+
+    problem.replace_resultants(damaged)
+    step = problem.step
+    problem.add(k * ufl.dot(step.u, step.virtual_u) * problem.dx)
+    problem.add(-ufl.max_value(0, step.u[1]) * step.virtual_u[1] * problem.measure(beam.end))
+    lines = [line.split(" = ", 1)[1] for line in problem.written().splitlines()]
+    assert "(1 - damage) EI kappa_m" in lines
+    assert lines[-2:] == ["50 u . delta_u", "(-max(0, u[1])) delta_u[1]"]
+    problem.replace_form(damage * ufl.dot(step.Du, step.virtual_u) * problem.dx)
+    assert problem.written().splitlines()[0] == "delta_W = damage Delta_u . delta_u"
+
+
 def test_numbers_are_expressions():
     scene, _ = cantilever(3)
     problem = fenicsx.Problem(scene, dt=DT)

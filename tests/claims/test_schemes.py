@@ -3,6 +3,8 @@
 import functools
 from dataclasses import FrozenInstanceError, replace
 
+import ufl
+
 import numpy as np
 import pytest
 from scenes import assert_refused, clamped_bar, held_body, hinged_body, one_body, pinned_bar
@@ -326,3 +328,40 @@ def test_an_energy_of_a_scheme_balances_what_its_resultants_have_beside_the_law(
     np.testing.assert_array_equal(solution.q, plain.q)
     assert abs(plain.energy.balance_error).max() > 1e-3
     assert abs(solution.energy.balance_error).max() < 1e-11
+
+
+def test_the_weak_form_is_written_as_on_paper():
+    def lines(scheme):
+        pairs = (line.split(" = ", 1) for line in scheme.written().splitlines())
+        return {name.strip(): formula for name, formula in pairs}
+
+    modified = lines(fb.ModifiedMidPoint())
+    assert modified["epsilon_i"] == "(phi_i' - t_i) . t_i"
+    assert modified["phi'"], modified["t"] == ("phi_m'", "(t_0 + t_1)/2")
+    assert modified["N"] == "EA (epsilon_0 + epsilon_1)/2"
+    assert modified["m"] == "EI (kappa_0 + kappa_1)/2/(1 + tan(Delta_psi/2)^2)"
+    assert modified["n"] == "N t + Q W t"
+    terms = "m delta_psi'", "delta_psi W phi' . n", "delta_u' . n"
+    assert modified["delta_W"] == "{} - {} + {}".format(*terms)
+    assert modified["a"] == "2 (D/Delta_t - v_0)/Delta_t"
+    assert lines(fb.MidPoint())["M"] == "EI kappa_m"
+    hht = lines(fb.HHT(-0.1))["delta_W"]
+    assert hht.startswith("0.1 (m_0 delta_psi'") and " + 0.9 (m_1 delta_psi'" in hht
+    exact = lines(fb.EnergyMomentum())
+    assert exact["d"] == "h Delta_psi'/4" and "m d cot(d)" in exact["delta_W"]
+
+    def tense(step, law):
+        r = fb.MidPoint().resultants(step, law)
+        return r._replace(N=r.N + 10.0 * abs(step.strains1[0]) * ufl.exp(step.Du[0]))
+
+    own = lines(fb.Scheme("own", tense, fb.MidPointRates()))
+    assert own["N"] == "EA epsilon_m + 10 |epsilon_1| exp(Delta_u[0])"
+
+
+def test_formulas_are_written_in_greek_letters_and_in_latex():
+    assert "δW = m δψ' - δψ Wφ' · n + δu' · n" in fb.MidPoint().written("unicode")
+    latex = fb.MidPoint().written("latex")
+    assert latex.startswith("$$") and latex._repr_latex_() == latex
+    assert r"\delta W &= m \, \delta \psi' - \delta \psi \, W \phi' \cdot n" in latex
+    assert fb.MidPoint().written()._repr_latex_() is None
+    assert_refused("written: format", fb.MidPoint().written, "html")

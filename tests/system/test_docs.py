@@ -162,6 +162,17 @@ def test_formulas_are_ones_that_can_be_drawn():
             assert latex.tex2mathml(formula)
 
 
+def test_formulas_that_schemes_write_can_be_drawn(monkeypatch):
+    latex = pytest.importorskip("docutils.utils.math.latex2mathml")
+    monkeypatch.syspath_prepend(str(DOCS / "extensions"))
+    from written import formulas
+
+    text = formulas(pages.text(DOCS / "theory" / "equations.md"))
+    written = re.findall(r"\$\$(.*?)\$\$", text, flags=re.DOTALL)
+    assert len(written) == 4
+    assert all(latex.tex2mathml(formula, as_block=True) for formula in written)
+
+
 @pytest.mark.parametrize("demo", DEMOS, ids=lambda demo: demo.stem)
 def test_a_demo_has_its_formulas_in_latex_and_no_indented_lines(demo):
     words = re.sub(r"\$\$.*?\$\$|\$[^$]+\$", "x", pages.prose(demo), flags=re.DOTALL)
