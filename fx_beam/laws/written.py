@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass
@@ -17,9 +18,14 @@ from .kinematics import director, perp, strains, tan, turn_of
 from .rates import NodalRates, UpdateRule
 from .resultants import WeightedResultants, x_over_tan
 
-_LETTERS = {"alpha": "α", "gamma": "γ", "delta": "δ", "Delta": "Δ", "epsilon": "ε", "kappa": "κ"}
-_LETTERS |= {"lambda": "λ", "rho": "ρ", "phi": "φ", "psi": "ψ", "omega": "ω", "int": "∫"}
-_LOW = str.maketrans("0123456789-mi", "₀₁₂₃₄₅₆₇₈₉₋ₘᵢ")
+_GREEK = "alpha gamma delta epsilon kappa rho phi psi omega".split()
+_LETTERS = {name: unicodedata.lookup(f"GREEK SMALL LETTER {name}") for name in _GREEK}
+_LETTERS |= {"Delta": "\u0394", "lambda": "\u03bb"}
+_LOW = str.maketrans(
+    "0123456789-mi", "".join(map(chr, range(0x2080, 0x208A))) + "\u208b\u2098\u1d62"
+)
+_SIGNS = {"LT": "<", "GT": ">", "LE": "<=", "GE": ">=", "EQ": "==", "NE": "!="}
+_SIGNS |= {"AndCondition": "and", "OrCondition": "or"}
 # Names on paper of the fields of a step; the reference tangent is X', and t a director.
 _NAMES = {
     **{"u0": "u_0", "psi0": "psi_0", "Du": "Delta_u", "Dpsi": "Delta_psi", "u": "u", "psi": "psi"},
@@ -258,16 +264,14 @@ class Writer:
         if isinstance(o, types.Conditional):
             return self.cases(*map(self.text, x))
         if isinstance(o, types.BinaryCondition):
-            return f"{self.text(x[0])} {o._name} {self.text(x[1])}", _SUM
+            return f"{self.text(x[0])} {_SIGNS[type(o).__name__]} {self.text(x[1])}", _SUM
         if isinstance(o, types.Abs):
             return f"|{self.text(x[0])}|", _ATOM
-        if isinstance(o, types.MathFunction):
-            return self.function(o._name, x)
         if isinstance(o, types.CoefficientDerivative):
             return self.function("derivative", x[:1])
         if isinstance(o, types.ListTensor):
             return self.brackets(", ".join(map(self.text, x))), _ATOM
-        if o._ufl_is_terminal_:
+        if isinstance(o, types.Terminal):
             if not (name := getattr(o, "name", "")) and hasattr(o, "value") and o.ufl_shape == ():
                 return self._parts_of(ufl.as_ufl(float(o.value)))  # of a Constant of dolfinx
             return self.name(name or str(o)), _ATOM
@@ -277,7 +281,7 @@ class Writer:
 class UnicodeWriter(Writer):
     """Writes Greek letters and low indices."""
 
-    dot, quarter_turn = "·", "W"
+    dot, quarter_turn = "\u00b7", "W"
 
     def name(self, name: str) -> str:
         """A name on paper."""
