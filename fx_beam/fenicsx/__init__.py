@@ -19,5 +19,6 @@ from .equilibrium import Equilibrium
 from .meshes import beams_of
 from .problem import Problem
 from .system import System
+from .trial_step import TrialStep
 
-__all__ = ["Equilibrium", "Problem", "System", "beams_of"]
+__all__ = ["Equilibrium", "Problem", "System", "TrialStep", "beams_of"]

@@ -8,12 +8,18 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from fx_beam.errors import SceneError
+from fx_beam.laws.interval import Interval
 from fx_beam.scene.joints import slides_at_start
+from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.loop import CompiledLoop
 
 from .assembly import Assembly
 from .inertia import Inertia
 from .unknowns import Unknowns, unknowns_of
+
+# Change of the load factor by which derivatives are found as differences.
+_APART = 1e-5
 
 
 class NoConfigurationError(Exception):
@@ -53,6 +59,8 @@ class Equations:
         self.forces, self.internal, self._added = np.zeros((3, n))
         # Natural strains (cells, degree, 3) that a user gives at the end of a step.
         self._natural: np.ndarray | None = None
+        # Load factors or times of the last step; None before the first.
+        self._interval: Interval | None = None
         # End of the last step [s], and forces (size,) of added terms in it.
         self._last_step = np.nan, np.zeros(n)
         reduction.begin(np.zeros(n), slides_at_start(loop.model.scene))
@@ -70,7 +78,7 @@ class Equations:
         reduction, strains = self.model.reduction, self.model.data.natural
         # The end less the start differs from dt by round-off, which would count as work.
         interval = self.loop.interval(dt)
-        start = self.loop.state.read()
+        self._interval, self._start = interval, (start := self.loop.state.read())
         reduction.begin(start.q, start.slides)
         if self._natural is not None:
             self._natural_in_c[:] = self._natural.ravel()
@@ -124,6 +132,22 @@ class Equations:
             K = K + members.tangent()
         self.unknowns.assemble(K, self._y, self._driven, self.forces)
         return self.unknowns.A
+
+    def load_slope(self, forcing: LoadForcing) -> np.ndarray:
+        """Derivative (n,) of the reduced residual by the load factor, in statics."""
+        if self._interval is None:
+            raise SceneError("fenicsx: load_derivative: no residual was found yet. Begin a step")
+        points, end = self.model.forms.compiled_points, self._interval.end
+        inputs, sides = self.model.points.inputs.copy(), []
+        for factor in (end + _APART, end - _APART, end):
+            self.assembly.fields.set_load(factor, forcing.natural(factor))
+            points.set_load(factor, self._interval.length)
+            self._driven = forcing.positions(factor) - forcing.current(self._start)
+            self.dead[:] = forcing.dead(factor)
+            self.evaluate(self.y)
+            sides.append(self.unknowns.reduced_force(self.forces))
+        self.model.points.inputs[:] = inputs  # laws remember iterations, not what is beside them
+        return (sides[0] - sides[1]) / (2 * _APART)
 
     def finish(self, dt: float) -> None:
         """Hand the increment, its forces and the work of added terms over to the engine."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import partial
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import scipy.sparse
@@ -22,9 +24,10 @@ from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import stats_of
 from fx_beam.motions.progress import attach, failure_of
 from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.load_loop import LoadLoop
+from fx_beam.step.load_loop import LoadLoop, StepSolution
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
@@ -33,6 +36,7 @@ from fx_beam.step.step_failures import StepFailed
 from .newton import PetscOptions
 from .replaced_rows import ReplacedRows
 from .steps import Steps
+from .trial_step import TrialStep, trial_step
 
 # Unknowns up to which all eigenvalues are found at once.
 _FEW = 200
@@ -142,18 +146,58 @@ class Equilibrium(Steps):
         StepError
             If Newton's method fails; then all is as before.
         """
-        require(np.isfinite(load_factor), "load_factor", load_factor, "a finite number")
-        self._form.fields.refuse_writes(self._state)
-        self._equations.find_natural_strains()
         start, advice = self._state, "Try more load steps, or other petsc_options"
         try:
-            self._state, step = self._loads.step(start, Interval(start.t, float(load_factor)))
+            self._state, step = self._step(load_factor)
         except StepFailed as failure:
             message = f"the step from load factor {start.t:.6g} to {load_factor:.6g} failed"
             raise self._loads.failures.error(message, 0, start, failure, advice) from failure
         self._stats.add_solve(self.snes.getIterationNumber(), step.ended_by)
         self._stats.steps += 1
         self._form.fields.end(self._state)
+
+    def _step(self, load_factor: float) -> tuple[State, StepSolution]:
+        require(np.isfinite(load_factor), "load_factor", load_factor, "a finite number")
+        self._form.fields.refuse_writes(self._state)
+        self._equations.find_natural_strains()
+        return self._loads.step(self._state, Interval(self._state.t, float(load_factor)))
+
+    def begin(self, load_factor: float) -> AbstractContextManager[TrialStep]:
+        """Begin a load step whose unknowns you find, as `Problem.begin` does.
+
+        Along an arc length the load factor is one more unknown: begin anew at each, with the same
+        y, as the step starts at the last equilibrium until `TrialStep.accept`.
+
+        Parameters
+        ----------
+        load_factor : float
+            Load factor at its end.
+
+        Returns
+        -------
+        context manager
+            Of a `TrialStep`.
+        """
+
+        def prepare() -> None:
+            with suppress(StepFailed):
+                self._step(load_factor)
+
+        take = partial(self.advance, load_factor)
+        return trial_step(self._newton, self._equations, prepare, take)
+
+    def load_derivative(self) -> PETSc.Vec:
+        """Derivative of the residual by the load factor, where it was found last.
+
+        Returns
+        -------
+        PETSc.Vec
+            Minus the loads on the unknowns, and what else has the load factor: driven motions,
+            natural strains, followers and added terms.
+        """
+        vector = self._equations.unknowns.A.createVecLeft()
+        vector.array[:] = self._equations.unknowns.own(self._equations.load_slope(self._forcing))
+        return vector
 
     def run(
         self,

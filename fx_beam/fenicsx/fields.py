@@ -91,6 +91,12 @@ class StepFields:
         """Set the accelerations (size,) beside those of the rule."""
         self._fill_nodes(self.led, accelerations)
 
+    def set_load(self, factor: float, natural: np.ndarray | None) -> None:
+        """Set load factor and natural strains at the end of a load step."""
+        self.symbols.load_factor.value = factor
+        if natural is not None:
+            self._grid.fill(self.symbols.natural[1], natural)
+
     def end(self, state: State) -> None:
         """Set the end of a step."""
         self._fill_nodes(self.q, state.q)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import MutableSequence
+from collections.abc import Callable, MutableSequence
 
 from petsc4py import PETSc
 
@@ -39,6 +39,9 @@ class Newton:
         judged = problem.results(reduced=columns, step=columns, correction=n)
         self._reduced, self._step, self._correction = judged
         self._shortened, self._residual = False, np.empty(0)
+        self._failure = self._constants.NO_CONVERGENCE
+        #: What ends a sub-step that has begun, in the place of SNES, by its length.
+        self.own: Callable[[float], int] | None = None
         #: Solver of the last step.
         self.snes = PETSc.SNES().create(equations.assembly.grid.comm)
         self._set_options(options)
@@ -47,11 +50,27 @@ class Newton:
 
     def _find(self, dt: float, iterations: MutableSequence[int]) -> int:
         """The increment of a sub-step, from the state in the memory of C, and into it."""
-        equations = self._equations
-        if equations.begin(dt):
+        if self._equations.begin(dt):
             self.snes.reset()
             self._set_functions()
-        unknowns = equations.unknowns
+        return self.own(dt) if self.own else self._solve(dt, iterations)
+
+    def stay(self, dt: float) -> int:
+        """End no sub-step: all is there for one that a user takes."""
+        return self._constants.NO_CONVERGENCE
+
+    def take(self, y: PETSc.Vec, dt: float) -> int:
+        """End a sub-step at unknowns y of a user."""
+        self._failure, out = self._constants.NO_CONVERGENCE, y.duplicate()
+        self.residual(y, out)
+        if not np.isfinite(out.norm()):
+            return self._failure
+        self._equations.finish(dt)
+        return self._constants.OK
+
+    def _solve(self, dt: float, iterations: MutableSequence[int]) -> int:
+        """The increment by SNES."""
+        equations, unknowns = self._equations, self._equations.unknowns
         x = unknowns.A.createVecRight()
         x.array[:] = unknowns.own(equations.y)
         self._failure = self._constants.NO_CONVERGENCE
@@ -71,7 +90,7 @@ class Newton:
     def _at_round_off(self, x: PETSc.Vec) -> bool:
         """Whether Newton's correction is within the tolerance: no search lowers such a residual."""
         correction, residual = x.duplicate(), x.duplicate()
-        self._F(self.snes, x, residual)
+        self.residual(x, residual)
         if not np.isfinite(residual.norm()):
             return False
         self.snes.ksp.setOperators(self._equations.tangent())
@@ -84,7 +103,7 @@ class Newton:
 
     def _set_functions(self) -> None:
         A = self._equations.unknowns.A
-        self.snes.setFunction(self._F, A.createVecLeft())
+        self.snes.setFunction(lambda snes, x, b: self.residual(x, b), A.createVecLeft())
         self.snes.setJacobian(lambda *_: self._equations.tangent(), A)
 
     def _set_options(self, options: PetscOptions) -> None:
@@ -103,7 +122,8 @@ class Newton:
         for name in values | options:
             database.delValue(prefix + name)
 
-    def _F(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
+    def residual(self, x: PETSc.Vec, b: PETSc.Vec) -> None:
+        """Set b to the residual at unknowns x; to nan where there is no configuration."""
         equations = self._equations
         unknowns = equations.unknowns
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import partial
 
 from mpi4py import MPI
@@ -33,6 +34,7 @@ from fx_beam.step.recorder import NullRecorder, Record, Recorder
 from .newton import PetscOptions
 from .replaced_rows import ReplacedRows
 from .steps import Steps
+from .trial_step import TrialStep, trial_step
 
 
 class Problem(Steps):
@@ -161,15 +163,53 @@ class Problem(Steps):
         StepError
             If Newton's method fails; then all is as before.
         """
-        length = self.dt if dt is None else positive(dt, "dt")
-        self._advance(grid_from(self.t, length)(1), 1, NullRecorder())
+        self._advance(self._end_of_step(dt), 1, NullRecorder())
 
-    def _advance(self, end: float, number: int, recorder: Recorder | NullRecorder) -> None:
+    def begin(self, dt: float | None = None) -> AbstractContextManager[TrialStep]:
+        """Begin a step whose unknowns you find, in a block ``with problem.begin() as step``.
+
+        For Newton's method, a line search, or any other method of your own, with all joints.
+        Without `TrialStep.accept` all is as before the block.
+
+        Parameters
+        ----------
+        dt : float, optional
+            Its length [s], by default `dt` of the problem.
+
+        Returns
+        -------
+        context manager
+            Of a `TrialStep`.
+
+        Raises
+        ------
+        SceneError
+            For schemes with sub-steps.
+        """
+        if len(self._prepared.loop.model.scheme.fractions) > 1:
+            raise SceneError("fenicsx: begin: the scheme has sub-steps. Use one of order 2")
+        end = self._end_of_step(dt)
+        take = partial(self._advance, end, 1, NullRecorder())
+        return trial_step(self._newton, self._equations, partial(self._begin, end), take)
+
+    def _end_of_step(self, dt: float | None) -> float:
+        length = self.dt if dt is None else positive(dt, "dt")
+        return float(grid_from(self.t, length)(1))
+
+    def _begin(self, end: float) -> None:
+        """Begin a step that does not end."""
+        self._get_ready()
+        self._prepared.stepper.trial(self._state, end)
+
+    def _get_ready(self) -> None:
         if self._starts and self._form.has_further:
             self._accelerate()
         self._starts = False
         self._form.fields.refuse_writes(self._state)
         self._equations.find_natural_strains()
+
+    def _advance(self, end: float, number: int, recorder: Recorder | NullRecorder) -> None:
+        self._get_ready()
         stepper, state = self._prepared.stepper, self._prepared.loop.state
         state.load(self._state)
         stepper.advance(np.array([end]), number, recorder)

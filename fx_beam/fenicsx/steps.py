@@ -54,7 +54,8 @@ class Steps:
         self._equations = Equations(Assembly(form, loop.model), loop, newton.max_turn)
         self.mesh, self.cell_tags = form.grid.mesh, form.grid.cell_tags
         self.system = System(self._equations)
-        self.snes = Newton(self._equations, newton, petsc_options).snes
+        self._newton = Newton(self._equations, newton, petsc_options)
+        self.snes = self._newton.snes
         self.V, self.step, self.resultants = fields.V, fields.step, fields.resultants
         self.increment, self.start = fields.symbols.increment, fields.symbols.start
         self.test, self.trial = fields.symbols.test, fields.symbols.trial

@@ -15,6 +15,7 @@ import fx_beam as fb
 fenicsx = pytest.importorskip("fx_beam.fenicsx")
 
 from mpi4py import MPI  # noqa: E402
+from petsc4py import PETSc  # noqa: E402
 
 import dolfinx  # noqa: E402
 import ufl  # noqa: E402
@@ -659,6 +660,98 @@ def test_a_correction_that_is_not_finite_is_no_loop_that_cannot_be_closed():
     with pytest.raises(fb.StepError) as failed:
         problem.advance()
     assert "loop of joints" not in str(failed.value)
+
+
+def direct():
+    """A solver by the factors of a matrix."""
+    ksp = PETSc.KSP().create()
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    return ksp
+
+
+def found_by_hand(step, corrections=8):
+    ksp, y = direct(), step.y.copy()
+    r, dy = y.duplicate(), y.duplicate()
+    for _ in range(corrections):
+        step.residual(y, r)
+        ksp.setOperators(step.tangent(y))
+        ksp.solve(r, dy)
+        y.axpy(-1, dy)
+    return y
+
+
+def test_steps_may_be_found_by_a_method_of_ones_own():
+    scene, _, second = pair()
+    rod = scene.add_beam([(2.1, 0), (2.5, -0.5)], SECTION, 2)
+    scene.add_joint(fb.Prismatic(second.end, rod.start, axis=(1, 0.2), offset=(0.1, 0)))
+    engine = fb.simulate(scene, dt=DT, t_end=T_END)
+    problem = fenicsx.Problem(scene, dt=DT)
+    for _ in range(STEPS):
+        with problem.begin() as step:
+            pass  # nothing is accepted
+        with problem.begin() as step:
+            step.accept(found_by_hand(step))
+    assert problem.t == pytest.approx(T_END)
+    q = np.zeros(engine.q[-1].size)
+    q[problem.system.dofs] = problem.q.x.array
+    beams = np.unique(problem.system.dofs)
+    np.testing.assert_allclose(q[beams], engine.q[-1].ravel()[beams], rtol=0, atol=1e-11)
+    assert_refused("the step has ended", step.tangent, step.y)
+    with problem.begin() as step:
+        far = step.y.copy()
+        far.set(10.0)
+        with pytest.raises(fb.StepError):
+            step.accept(far)
+    assert problem.t == pytest.approx(T_END)
+    composed = fenicsx.Problem(scene, fb.EnergyMomentum(order=4), dt=DT)
+    assert_refused("has sub-steps", composed.begin)
+
+
+def test_an_arc_length_of_ones_own_passes_a_limit_point():
+    """Two bars that snap through: F = 2 EA (1 - l/L) height/l, Crisfield's method in y and load."""
+    scene, h = fb.Scene(), 0.3
+    bars = [scene.add_beam([(x, 0), (0, h)], SECTION, elements=1) for x in (-1, 1)]
+    scene.add_joint(fb.Revolute(bars[0].end, bars[1].end))
+    for bar in bars:
+        scene.pin(bar.start)
+    F = 1e3
+    scene.add_force(bars[0].end, (0, -F))
+    equilibrium, ksp, radius, path = fenicsx.Equilibrium(scene), direct(), 0.05, [(0.0, 0.0)]
+    assert_refused("no residual was found", equilibrium.load_derivative)
+    on = None  # the last step
+    for _ in range(22):
+        load = equilibrium.load_factor
+        for correction in range(8):
+            with equilibrium.begin(load) as step:
+                if correction == 0:
+                    y = step.y.duplicate()
+                r, a, v = (y.duplicate() for _ in range(3))
+                step.residual(y, r)
+                slope = equilibrium.load_derivative()
+                ksp.setOperators(step.tangent(y))
+                ksp.solve(r, a)
+                ksp.solve(-slope, v)  # dy by the load factor
+            if correction == 0:
+                change = radius / v.norm() * (1.0 if on is None or v.dot(on) > 0 else -1.0)
+            else:  # y.y stays the square of the radius
+                change = ((radius**2 - y.dot(y)) / 2 + y.dot(a)) / y.dot(v)
+            y.axpy(-1, a)
+            y.axpy(change, v)
+            load += change
+        with equilibrium.begin(load) as step:
+            step.residual(y, r)
+            assert r.norm() < 1e-7
+            step.accept(y)
+        on = y.copy()
+        q = np.zeros(equilibrium.system.T.shape[0])
+        q[equilibrium.system.dofs] = equilibrium.q.x.array
+        path.append((-q[3 * bars[0].end.number + 1], load))
+    w, loads = np.array(path).T
+    L, length = np.hypot(1, h), np.hypot(1, h - w)
+    np.testing.assert_allclose(F * loads, 2e4 * (1 - length / L) * (h - w) / length, atol=1e-6)
+    assert loads.max() > loads[-1] and loads.min() < 0  # past both limit points
+    assert w[-1] > h
 
 
 def test_nodal_rules_of_a_user_are_those_of_the_engine():
