@@ -13,6 +13,8 @@ _EXACT = 1e-12
 _ROUNDING = 1e-10
 # An eigenvalue far above the largest, which is of order 1.
 _FAR = 1e6
+# Vectors by which a basis grows before the errors of eigenvectors are looked at again.
+_MORE = 10
 
 
 class Pencil:
@@ -72,19 +74,17 @@ class Pencil:
         if not self._factorise(shift):
             raise _failure()
         size, first = deflated.shape
-        basis = np.concatenate([self._bounded(deflated).T, np.empty((2 * n + 20, size))])
+        basis = np.concatenate([self._bounded(deflated).T, np.empty((n + _MORE, size))])
         # Other starts each time: those before have no part in a copy that was missed.
         starts = np.random.default_rng(first)
         diagonal, off_diagonal, m = list[float](), list[float](), first
         x, new = self._inverse(starts.standard_normal(size)), True
+        whole = self._length(x)
         while True:
-            length = self._length(x)
-            for _ in range(2):  # after once there are rounding errors
-                x = x - (basis[:m] @ (self.M @ x)) @ basis[:m]
-            left = self._length(x := self._bounded(x))
+            x, force, left = self._orthogonal(x, basis[:m])
             if not np.isfinite(left) or m > size:
                 raise _failure()
-            complete = left <= _ROUNDING * length
+            complete = left <= _ROUNDING * whole
             if complete or m == len(basis):
                 # Eigenvalues and vectors of a tridiagonal matrix, from its lower half.
                 values, parts = np.linalg.eigh(np.diag(diagonal) + np.diag(off_diagonal[1:], -1))
@@ -94,17 +94,38 @@ class Pencil:
                     break
                 if complete:  # the other copies are found from another start
                     x, new = self._inverse(starts.standard_normal(size)), True
+                    whole = self._length(x)
                     continue
-                basis = np.concatenate([basis, np.empty((n + 20, size))])
+                basis = np.concatenate([basis, np.empty((_MORE, size))])
             off_diagonal.append(0.0 if new else left)
-            basis[m], new = x / left, False
-            x = self._inverse(basis[m])
-            diagonal.append(float(x @ (self.M @ basis[m])))
+            basis[m], force = x / left, force / left
+            # Without its parts along the last two vectors one projection is mostly enough.
+            x = self._solved(force)
+            diagonal.append(float(x @ force))
+            x -= diagonal[-1] * basis[m]
+            if not new:
+                x -= left * basis[m - 1]
+            whole, new = np.hypot(diagonal[-1], off_diagonal[-1]), False
             m += 1
         if not len(lowest):
             raise _failure()
         vectors = parts[:, lowest].T @ basis[first:m]
         return np.column_stack([self._inverse(vector) for vector in vectors])
+
+    def _orthogonal(
+        self, x: np.ndarray, basis: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """The part of x that is orthogonal to vectors (m, size), M times it, and its length.
+
+        Once more while less than half is left, with rounding errors of what was longer.
+        """
+        before, force = np.inf, self.M @ x
+        left = float(np.sqrt(abs(x @ force)))
+        while left < 0.5 * before:
+            x = self._bounded(x - (basis @ force) @ basis)
+            force = self.M @ x
+            before, left = left, float(np.sqrt(abs(x @ force)))
+        return x, force, left
 
     def _bounded(self, x: np.ndarray) -> np.ndarray:
         """Vectors without motions that have no mass, which rounding errors would let grow."""
