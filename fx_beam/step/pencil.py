@@ -13,7 +13,7 @@ _EXACT = 1e-12
 _ROUNDING = 1e-10
 # An eigenvalue far above the largest, which is of order 1.
 _FAR = 1e6
-# Vectors by which a basis grows before the errors of eigenvectors are looked at again.
+# Number of vectors after which the errors of eigenvectors are looked at again.
 _MORE = 10
 
 
@@ -74,7 +74,7 @@ class Pencil:
         if not self._factorise(shift):
             raise _failure()
         size, first = deflated.shape
-        basis = np.concatenate([self._bounded(deflated).T, np.empty((n + _MORE, size))])
+        basis = np.concatenate([self._bounded(deflated).T, np.empty((2 * n + 20, size))])
         # Other starts each time: those before have no part in a copy that was missed.
         starts = np.random.default_rng(first)
         diagonal, off_diagonal, m = list[float](), list[float](), first
@@ -85,7 +85,7 @@ class Pencil:
             if not np.isfinite(left) or m > size:
                 raise _failure()
             complete = left <= _ROUNDING * whole
-            if complete or m == len(basis):
+            if complete or not (new or (m - first) % _MORE):
                 # Eigenvalues and vectors of a tridiagonal matrix, from its lower half.
                 values, parts = np.linalg.eigh(np.diag(diagonal) + np.diag(off_diagonal[1:], -1))
                 lowest = np.argsort(-abs(values))[:n]
@@ -96,7 +96,8 @@ class Pencil:
                     x, new = self._inverse(starts.standard_normal(size)), True
                     whole = self._length(x)
                     continue
-                basis = np.concatenate([basis, np.empty((_MORE, size))])
+            if m == len(basis):
+                basis = np.concatenate([basis, np.empty((n + 20, size))])
             off_diagonal.append(0.0 if new else left)
             basis[m], force = x / left, force / left
             # Without its parts along the last two vectors one projection is mostly enough.
@@ -112,9 +113,7 @@ class Pencil:
         vectors = parts[:, lowest].T @ basis[first:m]
         return np.column_stack([self._inverse(vector) for vector in vectors])
 
-    def _orthogonal(
-        self, x: np.ndarray, basis: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, float]:
+    def _orthogonal(self, x: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """The part of x that is orthogonal to vectors (m, size), M times it, and its length.
 
         Once more while less than half is left, with rounding errors of what was longer.

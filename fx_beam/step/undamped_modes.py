@@ -28,11 +28,10 @@ class Symmetry:
         indptr, columns = pattern
         n = len(indptr) - 1
         rows = np.repeat(np.arange(n), np.diff(indptr))
-        places, transposed = rows * n + columns, columns.astype(np.int64) * n + rows
-        order = np.argsort(places, kind="stable")
-        partner = order[np.searchsorted(places, transposed, sorter=order) % max(1, len(order))]
+        numbers = np.arange(1, len(columns) + 1)
+        numbered = scipy.sparse.csr_matrix((numbers, columns, indptr), (n, n))
         # The entry across the diagonal from each: -1 where the pattern has none.
-        self._mirrored = np.where(places[partner] == transposed, partner, -1)
+        self._mirrored = np.asarray(numbered[columns, rows]).ravel() - 1
         self._rows, self._columns, self._starts = rows, columns, indptr[:-1]
         self._units = unit[rows] * unit[columns]
         # With nodes that slide on beams entries are differences of others that may be far larger.
