@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from fx_beam.coupling.graph import Couplings
+    from fx_beam.fem.mesh import Mesh
+
     from .model import Model
 
 _Members = frozenset[int]
@@ -22,47 +25,74 @@ def part_tables(model: Model) -> dict[str, Any]:
     Nodes of the same beams are a part, others are one each; unknowns are one if they move nodes of
     the same. Light beams beside heavy ones are judged by themselves, what both share by both.
     """
-    dof_members = np.repeat(_members_of_nodes(model), 3)
-    column_members = _members_of_columns(model, dof_members)
-    parts = {members: i for i, members in enumerate(dict.fromkeys([*dof_members, *column_members]))}
+    parts, node_parts = _parts_of_nodes(model.mesh)
+    dof_parts = np.repeat(node_parts, 3)
+    column_parts = _parts_of_columns(model.couplings, parts, dof_parts)
     if len(parts) < 2:
         return {}
     inner_parts = _parts_inside(parts)
     starts = np.cumsum([0, *map(len, inner_parts)])
     return {
         "count": len(parts),
-        **_runs("dof", np.array([parts[members] for members in dof_members])),
-        **_runs("column", np.array([parts[members] for members in column_members])),
+        **_runs("dof", dof_parts),
+        **_runs("column", column_parts),
         "inside_start": starts,
         "inside": np.concatenate(inner_parts),
     }
 
 
-def _members_of_nodes(model: Model) -> np.ndarray:
-    """Beams on which each node lies; of other nodes a member of their own."""
-    mesh = model.mesh
-    node_beams: list[list[int]] = [[] for _ in mesh.X]
-    for beam, nodes in enumerate(mesh.nodes):
-        for node in nodes:
-            node_beams[node].append(beam)
-    members = np.empty(len(node_beams), dtype=object)
-    members[:] = [_Members(beams or [-1 - node]) for node, beams in enumerate(node_beams)]
-    return members
+def _parts_of_nodes(mesh: Mesh) -> tuple[dict[_Members, int], np.ndarray]:
+    """Numbers of parts by their members, and the part (nodes,) of each node.
+
+    Members of a node are its beams; without any it is a member of its own.
+    """
+    nodes = np.concatenate([*mesh.nodes, np.empty(0, int)])
+    beams = np.repeat(np.arange(len(mesh.nodes)), [*map(len, mesh.nodes)])
+    shared = (np.bincount(nodes, minlength=len(mesh.X)) > 1)[nodes]
+    member = -1 - np.arange(len(mesh.X))
+    member[nodes[~shared]] = beams[~shared]
+    node_beams: dict[int, list[int]] = {}
+    for node, beam in zip(nodes[shared].tolist(), beams[shared].tolist(), strict=True):
+        node_beams.setdefault(node, []).append(beam)
+    parts, starts = dict[_Members, int](), _starts(member)
+    numbers = [
+        parts.setdefault(_Members(node_beams.get(node, [only])), len(parts))
+        for node, only in zip(starts.tolist(), member[starts].tolist(), strict=True)
+    ]
+    return parts, np.repeat(np.array(numbers, int), np.diff(starts, append=len(member)))
 
 
-def _members_of_columns(model: Model, dof_members: np.ndarray) -> list[_Members]:
-    """Members whose nodes each unknown moves; every one where they are many, or not known."""
-    couplings, all_members = model.couplings, _Members().union(*dof_members)
-    moved: list[set[int]] = [set() for _ in range(couplings.columns + len(couplings.auxiliaries))]
-    entries = couplings.all_entries
-    for dof, column in zip(entries.row, entries.column, strict=True):
-        moved[column] |= dof_members[dof]
-    for k, auxiliary in reversed([*enumerate(couplings.auxiliaries, couplings.columns)]):
-        for column, *_ in auxiliary.entries:
+def _parts_of_columns(
+    couplings: Couplings, parts: dict[_Members, int], dof_parts: np.ndarray
+) -> np.ndarray:
+    """The part (free,) of each unknown, by members whose nodes it moves; new parts are added.
+
+    It has every member where they are many, or not known.
+    """
+    members, all_members = [*parts], _Members().union(*parts)
+    entries, auxiliaries = couplings.all_entries, couplings.auxiliaries
+    pairs = np.unique(entries.column.astype(int) * len(parts) + dof_parts[entries.row])
+    column, part = np.divmod(pairs, len(parts))
+    numbers = np.zeros(couplings.columns + len(auxiliaries), int)
+    numbers[column] = part
+    # Others than those that move nodes of one part only.
+    mixed = np.bincount(column, minlength=len(numbers)) != 1
+    mixed[column] |= np.array([len(some) > _MOST for some in members])[part]
+    mixed[[entry[0] for auxiliary in auxiliaries for entry in auxiliary.entries]] = True
+    mixed[couplings.columns :] = True
+    moved = {k: set[int]() for k in np.flatnonzero(mixed).tolist()}
+    of_mixed = mixed[column]
+    for k, number in zip(column[of_mixed].tolist(), part[of_mixed].tolist(), strict=True):
+        moved[k] |= members[number]
+    for k, auxiliary in reversed([*enumerate(auxiliaries, couplings.columns)]):
+        for entry in auxiliary.entries:
             # Of too many members some are too many as well.
-            moved[column].update(itertools.islice(moved[k], _MOST + 1))
-    few = (members if len(members) <= _MOST else () for members in moved[: couplings.free])
-    return [_Members(members or all_members) for members in few]
+            moved[entry[0]].update(itertools.islice(moved[k], _MOST + 1))
+    for k, some in moved.items():
+        if k < couplings.free:
+            several = _Members(some if 0 < len(some) <= _MOST else all_members)
+            numbers[k] = parts.setdefault(several, len(parts))
+    return numbers[: couplings.free]
 
 
 def _parts_inside(parts: dict[_Members, int]) -> list[list[int]]:
@@ -80,11 +110,14 @@ def _parts_inside(parts: dict[_Members, int]) -> list[list[int]]:
 
 def _runs(name: str, part: np.ndarray) -> dict[str, Any]:
     """Runs of the same part: their number, where they begin and the last one ends, their parts."""
-    starts = (
-        np.flatnonzero(np.append(True, part[1:] != part[:-1])) if len(part) else np.zeros(0, int)
-    )
+    starts = _starts(part)
     return {
         f"{name}_runs": len(starts),
         f"{name}_run_start": np.append(starts, len(part)),
         f"{name}_run_part": part[starts],
     }
+
+
+def _starts(numbers: np.ndarray) -> np.ndarray:
+    """Where runs of equal numbers begin."""
+    return np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1])[: len(numbers)])
