@@ -48,10 +48,18 @@ def positions_in(
 
 
 def places_of_cells(dofs: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
-    """Indices (cells, n * n) of the entries of cells with degrees of freedom (cells, n)."""
-    n = dofs.shape[1]
-    entries = np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()
-    return positions_in(indptr, indices, *entries).reshape(len(dofs), n * n)
+    """Indices (cells, n * n) of the entries of cells with degrees of freedom (cells, n).
+
+    In each row the three columns of a node are beside each other.
+    """
+    cells, n = dofs.shape
+    if not cells:
+        return np.empty((0, n * n), np.int32)
+    node, component = np.divmod(dofs[0], 3)
+    _, some, number = np.unique(node, return_index=True, return_inverse=True)
+    columns = dofs[:, None, some] // 3 * 3
+    first = positions_in(indptr, indices, dofs[:, :, None], columns)
+    return (first[:, :, number] + component).reshape(cells, n * n)
 
 
 def blocks_with(
