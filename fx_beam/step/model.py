@@ -109,6 +109,7 @@ class Model:
         instant: bool = False,
         part: bool = False,
         settles: bool = False,
+        structure: Structure | None = None,
     ):
         self.scheme, self.mesh = scheme, build_mesh(scene)
         #: Held by a thread that computes with it: a solution may be read by several.
@@ -147,7 +148,7 @@ class Model:
             self.data = damped(self, data, self.reduction)
             forms.set_numbers(self.data.forms)
         #: The structure of the scene.
-        self.structure = Structure(scene)
+        self.structure = structure or Structure(scene)
         #: Facts of the structure by what gives them; runs of a program share them.
         self.facts: dict[Callable, Any] = {}
         #: What fits rates (`rate_fit`), made when it is first asked for.

@@ -85,7 +85,8 @@ class Programs:
         By `options` of `Model`. A large scene has a program only if its model is `owned`: by a
         caller who gives it the numbers of other scenes.
         """
-        key, reason = (Structure(scene), scheme, *options.items()), ""
+        structure, reason = Structure(scene), ""
+        key = structure, scheme, *options.items()
         for entry in self._entries[::-1]:
             if entry[0] == key:
                 try:
@@ -95,7 +96,7 @@ class Programs:
                 else:
                     self._keep(entry)
                     return model, ""
-        model = Model(scene, scheme, **options)
+        model = Model(scene, scheme, structure=structure, **options)
         reason = reason or self._reason(key)
         is_large = model.size > self.size
         if is_large and not owned:
