@@ -1,4 +1,4 @@
-"""`python -m fx_beam info`: versions, compiler and cache, for bug reports."""
+"""`python -m fx_beam`: `info` for bug reports; `warm` compiles the usual kinds of scenes."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from pathlib import Path
 from fx_beam import c_library, compiler, library_cache
 from fx_beam.errors import SceneError
 from fx_beam.step import build
+from fx_beam.sweeps import usual_kinds
 
 #: Distributions of the imported packages; for FEniCSx with a prefix before the package's name.
 _PREFIX = "fenics-"
@@ -35,6 +36,8 @@ def info() -> dict[str, str]:
     with suppress(RuntimeError):  # it is no command, as the row above says
         target, flags = c_library.target_flags()
         rows["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
+        warm = "compiled" if usual_kinds.are_compiled() else "not yet (python -m fx_beam warm)"
+        rows["usual kinds"] = f"{warm}: {usual_kinds.TEXT}"
     rows["cache"] = _folder(library_cache.folder())
     return rows
 
@@ -86,9 +89,13 @@ def main() -> None:
     """Do what the first argument says."""
     parser = argparse.ArgumentParser(prog="python -m fx_beam")
     parser.add_argument(
-        "what", choices=["info"], help="versions, compiler and cache, for bug reports"
+        "what",
+        choices=["info", "warm"],
+        help="info: versions, compiler and cache, for bug reports; warm: compile usual kinds of "
+        "scenes, for quick first calls",
     )
-    parser.parse_args()
+    if parser.parse_args().what == "warm":
+        return usual_kinds.compile_usual_kinds()
     lines = info()
     width = max(map(len, lines)) + 2
     if sys.stdout is None:

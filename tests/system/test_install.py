@@ -80,6 +80,35 @@ runpy.run_module("fx_beam", run_name="__main__")
     assert "fx_beam, " in lines["cache"]
 
 
+def test_after_warm_a_first_call_of_a_usual_kind_compiles_nothing(script, tmp_path):
+    caches = {"XDG_CACHE_HOME": str(tmp_path), "PYTHONPATH": str(Path(fx_beam.__file__).parents[1])}
+
+    def called(command):
+        call = [sys.executable, "-m", "fx_beam", command]
+        return subprocess.check_output(call, env=os.environ | caches, text=True)
+
+    assert re.search("usual kinds: +not yet", called("info"))
+    called("warm")
+    assert re.search("usual kinds: +compiled: static and EnergyMomentum", called("info"))
+    files = {file.name for file in (tmp_path / "fx_beam").iterdir()}
+    script(
+        """
+import fx_beam as fb
+
+scene = fb.Scene(gravity=(0, -9.81))
+section = fb.Section.rectangle(height=0.01, width=0.02, E=70e9, nu=0.3, rho=2700.0)
+beam = scene.add_beam([(0, 0), (0, 2)], section, degree=2)
+arm = scene.add_beam([(0, 2), (1, 2)], section, degree=2)
+scene.clamp(beam.start)
+scene.add_joint(fb.Revolute(beam.end, arm.start))
+fb.simulate(scene, fb.GeneralizedAlpha(), dt=0.01, t_end=0.1)
+""",
+        **caches,
+        CC=os.environ.get("CC", "cc"),
+    )
+    assert {file.name for file in (tmp_path / "fx_beam").iterdir()} == files
+
+
 def test_without_ffcx_an_import_says_in_one_sentence_how_to_get_it(script):
     code = """
 import importlib.util
