@@ -11,6 +11,7 @@ from fx_beam.errors import all_of
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.joints import Joint
+from fx_beam.scene.parts import Parts
 from fx_beam.scene.scene import Scene
 
 from .beam_data import data_of_beams
@@ -97,8 +98,9 @@ class Data(NamedTuple):
     gears: list[list[Any]]
     #: Joints with a motor, each with the name of its coordinate.
     motors: list[tuple[Joint, str]]
-    #: What section forces need, whatever becomes of the scene.
+    #: What section forces and pictures need, whatever becomes of the scene.
     loaded_beams: LoadedBeams
+    parts: Parts
 
     def lies_as(self, other: Data) -> bool:
         """Whether nodes and joints are where other data have them, or nothing depends on it."""

@@ -125,7 +125,7 @@ def solution_of(
         variables_of_beam=_variables_of_beam(model, histories),
         variables_of_joint={} if spring_rows is None else _variables_of_joint(model, spring_rows),
         bodies={body.name: body for body in scene.bodies},
-        contacts=list(scene.contacts),
+        contacts=list(data.parts.contacts),
         end=last if later else last(),
         names_of_parameters=model.forms.parameters.names,
         variables_of_contact={}
@@ -135,6 +135,7 @@ def solution_of(
         stability=stability,
     )
     solution.has_own_energy = model.scheme.has_own_energy
+    solution.parts = ((0, data.parts),)
     return solution
 
 

@@ -159,7 +159,6 @@ class _Frames:
         # Beside the time, or above it where there is no room.
         rise = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
         ax.annotate(title(drawing), (1, 1), (0, rise), ha="right", **look)
-        draw_outlines(ax, drawing.obstacles.fixed)
         self._heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
         (self._past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
         self._lines = members.collection(2.5)
@@ -180,7 +179,8 @@ class _Frames:
     ) -> Iterator[np.ndarray]:
         """Pixels (height, width, 4) of each frame, with names of nodes and additional objects."""
         ax, drawing = self._ax, self._drawing
-        supports, shown = Supports(drawing), drawing.rows
+        shown = drawing.rows
+        supports = {id(parts): Supports(drawing, parts) for parts, _ in drawing.stretches}
         times = drawing.solution.t[shown]
         for k, words in zip(shown, headings(drawing.solution, times), strict=True):
             self._heading.set_text(words)
@@ -190,9 +190,11 @@ class _Frames:
                 self._past.set_data(*path.T)
             known_artists = {*ax.get_children()}
             draw_moving(ax, drawing, k)
-            draw_joints(ax, drawing, k)
+            parts = drawing.parts(k)
+            draw_joints(ax, drawing, parts, k)
             draw_forces(ax, drawing, k)
-            supports.draw(ax, k)
+            draw_outlines(ax, drawing.obstacles.fixed(parts))
+            supports[id(parts)].draw(ax, k)
             draw_marks(ax, drawing, k, marks)
             scenery_artists = (scenery(ax, k) if scenery else None) or []
             new = [artist for artist in ax.get_children() if artist not in known_artists]

@@ -18,10 +18,12 @@ from fx_beam.results.files import of_numpy, replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, arc_lengths
 from fx_beam.scene.ground_springs import GroundSpring
+from fx_beam.scene.parts import Parts
 from fx_beam.scene.section import has_stresses
 
 from .drawing import Drawing, axis, checked_drawing, line_between, time_unit, title
 from .members import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
+from .outlines import Outline
 from .symbols import Supports, nodes_of_joints, nodes_with_mass
 
 _TEMPLATE = Path(__file__).with_suffix(".html")
@@ -128,7 +130,6 @@ def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, object]:
     solution = drawing.solution
     factor, unit = time_unit(solution.t[-1])
     bodies = {name: [n.number for n in body.nodes] for name, body in solution.bodies.items()}
-    markers = {"mass": nodes_with_mass(drawing), **nodes_of_joints(drawing)}
     return {
         "title": _plain(title(drawing)),
         "unit": drawing.unit,
@@ -143,31 +144,46 @@ def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, object]:
             {"name": name, "nodes": nodes, "points": _points_of(drawing, nodes)}
             for name, nodes in bodies.items()
         ],
-        "obstacles": [outline._asdict() for outline in drawing.obstacles.fixed],
-        "carried": _carried(drawing),
+        "stretches": [_stretch(drawing, *stretch) for stretch in drawing.stretches],
+        "traces": [_points_of(drawing, [node.number]) for node in traced],
+    }
+
+
+def _stretch(drawing: Drawing, parts: Parts, places: list[int]) -> dict[str, object]:
+    """What the scene has in some rows one after the other, and the places of these rows."""
+    rows = [drawing.rows[i] for i in places]
+    markers = {"mass": nodes_with_mass(parts), **nodes_of_joints(parts)}
+    carried = [drawing.obstacles.carried(parts, k) for k in rows]
+
+    def points_of(nodes: list[int]) -> str:
+        return _points(drawing, drawing.positions(nodes, rows))
+
+    return {
+        "first": places[0],
+        "obstacles": [outline._asdict() for outline in drawing.obstacles.fixed(parts)],
+        "carried": [_carried(drawing, outlines) for outlines in zip(*carried, strict=True)],
         # Symbols in units of the drawing's size.
         "supports": [
-            {"points": _points_of(drawing, [node]), **strokes._asdict()}
-            for node, strokes in Supports(drawing).symbols.items()
+            {"points": points_of([node]), **strokes._asdict()}
+            for node, strokes in Supports(drawing, parts).symbols.items()
         ],
         "markers": [
-            {"marker": marker, "count": len(nodes), "points": _points_of(drawing, nodes)}
+            {"marker": marker, "count": len(nodes), "points": points_of(nodes)}
             for marker, nodes in markers.items()
         ],
         "between": [
             {
                 "spring": force.on.spring is not None and len(force.points) == 2,
                 "count": len(force.points),
-                "points": _points(drawing, line_between(drawing, force, drawing.rows)),
+                "points": _points(drawing, line_between(drawing, force, rows)),
             }
-            for force in drawing.scene_parts("forces_between")
+            for force in parts.forces_between
             if not isinstance(force, GroundSpring)  # which are only in drawings
         ],
         "forces": [
-            {"points": _points(drawing, [drawing.arrow(node, k) for k in drawing.rows])}
-            for node in drawing.forces[drawing.rows[0]]
+            {"points": _points(drawing, [drawing.arrow(node, k) for k in rows])}
+            for node in drawing.forces[rows[0]]
         ],
-        "traces": [_points_of(drawing, [node.number]) for node in traced],
     }
 
 
@@ -229,14 +245,11 @@ def _quantity(drawing: Drawing, name: str, values: np.ndarray) -> dict[str, obje
     }
 
 
-def _carried(drawing: Drawing) -> list[dict]:
-    """Obstacles that nodes carry: points of the line, then ends of the strokes, in all rows."""
-    entries = []
-    for outlines in zip(*(drawing.obstacles.carried(k) for k in drawing.rows), strict=True):
-        points = _points(drawing, [[*o.line, *o.strokes.reshape(-1, 2)] for o in outlines])
-        line, strokes = map(len, outlines[0])
-        entries.append({"line": line, "strokes": strokes, "points": points})
-    return entries
+def _carried(drawing: Drawing, outlines: Sequence[Outline]) -> dict[str, object]:
+    """An obstacle that a node carries: points of the line, then ends of the strokes, by rows."""
+    points = _points(drawing, [[*o.line, *o.strokes.reshape(-1, 2)] for o in outlines])
+    line, strokes = map(len, outlines[0])
+    return {"line": line, "strokes": strokes, "points": points}
 
 
 def _points_of(drawing: Drawing, nodes: list[int]) -> str:

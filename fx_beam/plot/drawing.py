@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import math
 from collections.abc import Iterable, Sequence
@@ -13,11 +14,12 @@ from numpy.typing import ArrayLike
 from fx_beam.errors import SceneError, is_name, is_whole, positive, real_array, require
 from fx_beam.results.contact_gaps import nodes_of
 from fx_beam.results.fields import nodes_of_elements
-from fx_beam.results.solution import Solution, forces_on_nodes, scene_of
+from fx_beam.results.solution import Solution, forces_on_nodes, parts_in
 from fx_beam.scene.beam import Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND
+from fx_beam.scene.parts import Parts
 
 from .outlines import Obstacles, turn
 
@@ -138,9 +140,16 @@ class Drawing:
         # Lower left and upper right corner (2, 2) of what is in the window.
         self._corners = _ends(_framed_points(self))
 
-    def scene_parts(self, name: str) -> Any:
-        """Parts of the scene by name; none of a solution that was read from a file."""
-        return getattr(scene_of(self.solution), name, ())
+    def parts(self, k: int) -> Parts:
+        """Parts of the scene as it was in row k."""
+        return parts_in(self.solution, k)
+
+    @property
+    def stretches(self) -> list[tuple[Parts, list[int]]]:
+        """Parts of the scene, and the places in `rows` of the rows that have them."""
+        places = itertools.groupby(range(len(self.rows)), lambda i: id(self.parts(self.rows[i])))
+        lists = [list(group) for _, group in places]
+        return [(self.parts(self.rows[places[0]]), places) for places in lists]
 
     # -- The window -----------------------------------------------------------------------------
 
@@ -223,14 +232,13 @@ def _all_points(drawing: Drawing) -> np.ndarray:
 
 def _framed_points(drawing: Drawing) -> np.ndarray:
     """Points (n, 2) of members, forces between points, arrows and outlines."""
-    forces = drawing.scene_parts("forces_between")
+    forces = list(dict.fromkeys(f for parts, _ in drawing.stretches for f in parts.forces_between))
     ends = (point for force in forces for point in force.points)
     fixed = [point.position for point in ends if not isinstance(point, Node)]
     grounded = (force for force in forces if isinstance(force, GroundSpring))
     fixed += [foot for force in grounded for _, foot, _ in feet(drawing, force)]
     arrows = [drawing.arrow(node, k) for k, forces in drawing.forces.items() for node in forces]
-    lines = [outline.line for outline in drawing.obstacles.fixed]
-    lines += [outline.line for k in drawing.rows for outline in drawing.obstacles.carried(k)]
+    lines = [outline.line for k in drawing.rows for outline in drawing.obstacles.all(k)]
     return np.concatenate([drawing.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
 
 

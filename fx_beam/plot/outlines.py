@@ -9,6 +9,7 @@ import numpy as np
 from fx_beam.results.contact_gaps import nodes_of
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Shape, arc_of
+from fx_beam.scene.parts import Parts
 
 # Fractions of the scene's size: how far lines go beyond the nearest positions, distance and length
 # of strokes. An obstacle farther away than the size is not drawn.
@@ -51,38 +52,52 @@ def interpolated(places: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.nd
 
 
 class Obstacles:
-    """Outlines of fixed obstacles that are near, and of those that nodes carry, of a `Drawing`."""
+    """Outlines of obstacles in each row of a `Drawing`: fixed ones that are near, and carried."""
 
     def __init__(self, drawing):
         self._drawing = drawing
-        shapes = dict.fromkeys(contact.shape for contact in drawing.solution.contacts)
-        #: Outlines of the fixed ones.
-        self.fixed = [
-            outline(shape, drawing.points, drawing.reach)
-            for shape in shapes
-            if not isinstance(shape, Beam) and shape.carrier is None
-            if abs(shape.gap(drawing.points)).min() <= drawing.reach
-        ]
-        # Nodes that carry obstacles, and outlines relative to the node.
-        self._carried: dict[Shape, tuple[int, Outline]] = {}
-        for contact in drawing.solution.contacts:
-            shape = contact.shape
-            if isinstance(shape, Beam) or shape.carrier is None or shape in self._carried:
-                continue
-            # What touches in all rows, relative to the node and its section, and the node itself.
-            carrier, point_lists = shape.carrier.number, [np.zeros((1, 2))]
-            nodes = nodes_of(drawing.solution.nodes_of_beam, contact.target)
-            for k in drawing.rows:
-                arms = drawing.positions(nodes, k) - drawing.positions(carrier, k)
-                point_lists.append(arms @ turn(-drawing.angle(carrier, k)))
-            touching = np.concatenate(point_lists)
-            drawn = outline(shape.at((0.0, 0.0)), touching, drawing.reach)
-            self._carried[shape] = carrier, drawn
+        # Outlines of fixed shapes, and of carried ones relative to their nodes.
+        self._outlines: dict[Shape, Outline | None] = {}
+        for parts, places in drawing.stretches:
+            for contact in parts.contacts:
+                shape = contact.shape
+                if not isinstance(shape, Beam) and shape not in self._outlines:
+                    rows = [drawing.rows[i] for i in places]
+                    self._outlines[shape] = self._outline(shape, contact.target, rows)
 
-    def carried(self, k: int) -> list[Outline]:
+    def _outline(self, shape: Shape, target, rows: list[int]) -> Outline | None:
+        """Outline of a shape; none of a fixed one that is far away."""
+        drawing = self._drawing
+        if shape.carrier is None:
+            near = abs(shape.gap(drawing.points)).min() <= drawing.reach
+            return outline(shape, drawing.points, drawing.reach) if near else None
+        # What touches in all rows, relative to the node and its section, and the node itself.
+        carrier, point_lists = shape.carrier.number, [np.zeros((1, 2))]
+        nodes = nodes_of(drawing.solution.nodes_of_beam, target)
+        for k in rows:
+            arms = drawing.positions(nodes, k) - drawing.positions(carrier, k)
+            point_lists.append(arms @ turn(-drawing.angle(carrier, k)))
+        return outline(shape.at((0.0, 0.0)), np.concatenate(point_lists), drawing.reach)
+
+    def fixed(self, parts: Parts) -> list[Outline]:
+        """Outlines of the fixed obstacles of a scene."""
+        return [outline for shape, outline in self._of(parts) if shape.carrier is None]
+
+    def carried(self, parts: Parts, k: int) -> list[Outline]:
         """Outlines of the obstacles that nodes carry, in row k."""
         drawing = self._drawing
         return [
-            outline.moved(drawing.positions(number, k), drawing.angle(number, k))
-            for number, outline in self._carried.values()
+            outline.moved(drawing.positions(node.number, k), drawing.angle(node.number, k))
+            for shape, outline in self._of(parts)
+            if (node := shape.carrier) is not None
         ]
+
+    def all(self, k: int) -> list[Outline]:
+        """All outlines of row k."""
+        parts = self._drawing.parts(k)
+        return self.fixed(parts) + self.carried(parts, k)
+
+    def _of(self, parts: Parts) -> list[tuple[Shape, Outline]]:
+        shapes = dict.fromkeys(contact.shape for contact in parts.contacts)
+        known = ((s, self._outlines[s]) for s in shapes if s in self._outlines)
+        return [(shape, line) for shape, line in known if line is not None]

@@ -17,6 +17,7 @@ from fx_beam.scene.coordinate import Locked
 from fx_beam.scene.functions import Signal, SignalAlong
 from fx_beam.scene.inputs import InputSignal
 from fx_beam.scene.loads import Load, VirtualWork, label
+from fx_beam.scene.parts import Parts
 from fx_beam.scene.pressure import PressureTerm
 from fx_beam.scene.scene import Scene
 
@@ -320,7 +321,7 @@ class Reference:
     def __init__(self, scene: Scene):
         self.beams = {beam.name: beam for beam in scene.beams}
         self.bodies = {body.name: body for body in scene.bodies}
-        self.contacts = scene.contacts
+        self.contacts, self.parts = scene.contacts, ((0, Parts.of(scene)),)
         #: Rows of `X` with the nodes of each beam in order, also inside elements. For this `X` has
         #: the nodes of each beam once more.
         self.nodes_of_beam = dict[str, np.ndarray]()

@@ -56,7 +56,8 @@ def shapes(
     Bodies, lumped masses (discs) and forces on nodes (arrows of their sums) are drawn in all rows,
     but for forces that are an `Input`. In equilibria they are the forces at the time `t`, times the
     load factor; forces of the state at the `start` fade. Supports, joints and forces between
-    points have the symbols of `scene`; they are drawn once, where they are in the last of the rows.
+    points have the symbols of `scene`; they are drawn once, where they are in the last of the rows
+    in which the scene has them.
 
     Parameters
     ----------
@@ -127,6 +128,7 @@ def shapes(
     for k, shade in zip(shown, shades, strict=True):
         symbols.draw_moving(ax, drawing, k, shade, small=True)
         symbols.draw_forces(ax, drawing, k, shade)
+    symbols.draw_past(ax, drawing)
     symbols.draw_surroundings(ax, drawing, shown[-1])
     symbols.draw_marks(ax, drawing, shown[0], marks)
     return written(plane.figure, path)
@@ -241,7 +243,8 @@ def _vibration(modes: Modes, mode: int, size: float) -> SimpleNamespace:
     for row, phase in (_MOVED, 0.0), (_LATER, np.pi / 2):
         q[row, :, :2] = displaced(modes, mode, size, phase, slice(None)) - modes.positions
     members = {name: getattr(modes, name) for name in ("beams", "bodies", "nodes_of_beam")}
-    return SimpleNamespace(X=modes.positions, q=q, contacts=(), **members)
+    parts = modes.parts._replace(contacts=())  # obstacles are not of a small motion
+    return SimpleNamespace(X=modes.positions, q=q, contacts=(), parts=((0, parts),), **members)
 
 
 def _draw(ax, drawing: Drawing, mode_rows: np.ndarray) -> None:
@@ -256,9 +259,10 @@ def _draw(ax, drawing: Drawing, mode_rows: np.ndarray) -> None:
         symbols.draw_lines(ax, lines, **{"linewidth": 2.0 * drawing.thinness, "zorder": 2} | look)
         if row != _LATER:
             symbols.draw_bodies(ax, drawing, row, look["color"], small=True)
-    symbols.draw_between(ax, drawing, _MOVED)
-    symbols.draw_hinges(ax, drawing, _MOVED)
-    symbols.Supports(drawing).draw(ax, _AT_REST)
+    parts = drawing.parts(_MOVED)
+    symbols.draw_between(ax, drawing, parts, _MOVED)
+    symbols.draw_hinges(ax, drawing, parts, _MOVED)
+    symbols.Supports(drawing, parts).draw(ax, _AT_REST)
 
 
 def _kind(modes: Modes, mode: int) -> str:

@@ -16,6 +16,7 @@ from fx_beam.scene.beam import Node
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.parts import Parts
 
 from .drawing import Colour, Drawing, Look, apart, feet, line_between
 from .outlines import Outline
@@ -54,14 +55,13 @@ class Supports:
         The strokes of each support by the number of its node.
     """
 
-    def __init__(self, drawing: Drawing):
+    def __init__(self, drawing: Drawing, parts: Parts):
         self._drawing = drawing
         self._guides: list[Joint] = []
         fixed: dict[int, set[int]] = {}
-        for number, component in drawing.scene_parts("fixed"):
-            if number not in drawing.scene_parts("gone"):
-                fixed.setdefault(number, set()).add(component)
-        for joint in filter(is_grounded, drawing.scene_parts("joints")):
+        for number, component in parts.fixed:
+            fixed.setdefault(number, set()).add(component)
+        for joint in filter(is_grounded, parts.joints):
             if joint.axis is not None:
                 self._guides.append(joint)
             else:
@@ -234,8 +234,8 @@ def draw_moving(
     """Draw rigid arms, bodies, masses and carried obstacles of row k."""
     _draw_arms(ax, drawing, k, colour)
     draw_bodies(ax, drawing, k, colour, small)
-    draw_outlines(ax, drawing.obstacles.carried(k), colour if small else "0.35")
-    heavy = nodes_with_mass(drawing)
+    draw_outlines(ax, drawing.obstacles.carried(drawing.parts(k), k), colour if small else "0.35")
+    heavy = nodes_with_mass(drawing.parts(k))
     if heavy:
         look = {"color": colour if small else "#D55E00", "markersize": 5 if small else 9}
         ax.plot(*drawing.positions(heavy, k).T, "o", **look, zorder=3)
@@ -251,14 +251,28 @@ def draw_outlines(ax, outlines: Sequence[Outline], colour: Colour = "0.35") -> N
 
 def draw_surroundings(ax, drawing: Drawing, k: int) -> None:
     """Draw fixed obstacles, and joints and supports of row k."""
-    draw_outlines(ax, drawing.obstacles.fixed)
-    draw_joints(ax, drawing, k)
-    Supports(drawing).draw(ax, k)
+    draw_outlines(ax, drawing.obstacles.fixed(drawing.parts(k)))
+    draw_held(ax, drawing, drawing.parts(k), k)
 
 
-def nodes_with_mass(drawing: Drawing) -> list[int]:
+def draw_held(ax, drawing: Drawing, parts: Parts, k: int) -> None:
+    """Draw joints, forces between points and supports of a scene in row k."""
+    draw_joints(ax, drawing, parts, k)
+    Supports(drawing, parts).draw(ax, k)
+
+
+def draw_past(ax, drawing: Drawing) -> None:
+    """Draw what the scene has no more in the last row, where it was last."""
+    last = drawing.parts(drawing.rows[-1])
+    for parts, places in drawing.stretches[:-1]:
+        gone = parts.without(last)
+        draw_outlines(ax, drawing.obstacles.fixed(gone))
+        draw_held(ax, drawing, gone, drawing.rows[places[-1]])
+
+
+def nodes_with_mass(parts: Parts) -> list[int]:
     """Numbers of the nodes with lumped masses."""
-    return sorted({node for node, mass, _ in drawing.scene_parts("masses") if mass})
+    return sorted({node for node, mass, _ in parts.masses if mass})
 
 
 def draw_forces(ax, drawing: Drawing, k: int, colour: Colour = "black") -> None:
@@ -279,7 +293,7 @@ def _draw_arms(ax, drawing: Drawing, k: int, colour) -> None:
     """Rigid arms from nodes to joints with an offset."""
     arms = []
     centres = {body.centre for body in drawing.solution.bodies.values()}
-    for joint in drawing.scene_parts("joints"):
+    for joint in drawing.parts(k).joints:
         is_of_body = joint.is_rigid and joint.a in centres
         if joint.offset.any() and not (is_of_body or is_grounded(joint)):
             ends = drawing.positions(joint.a.number, k), _origin(drawing, joint, k)
@@ -308,10 +322,10 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Colour, small: bool) -> No
 # -- Joints and forces between points --------------------------------------------------------------
 
 
-def draw_joints(ax, drawing: Drawing, k: int) -> None:
+def draw_joints(ax, drawing: Drawing, parts: Parts, k: int) -> None:
     """Draw joints, gears, springs, dampers, stops, forces between points of row k."""
     lines = defaultdict[str, list[np.ndarray]](list)
-    for joint in drawing.scene_parts("joints"):
+    for joint in parts.joints:
         position = drawing.positions(node_of(joint).number, k)
         if joint.axis is not None and not is_grounded(joint):
             lines["guide"].append(_guide(drawing, joint, position, k))
@@ -322,19 +336,19 @@ def draw_joints(ax, drawing: Drawing, k: int) -> None:
                 else:
                     symbol = position + _SPRING_WIDTH * drawing.size * _AROUND[part]
                 lines[part].append(symbol)
-    for gear in drawing.scene_parts("gears"):
+    for gear in parts.gears:
         nodes = [node_of(term.joint).number for term in gear.terms]
         lines["guide"].append(drawing.positions(nodes, k))
     _draw_by_looks(ax, lines)
-    draw_between(ax, drawing, k)
-    draw_hinges(ax, drawing, k)
+    draw_between(ax, drawing, parts, k)
+    draw_hinges(ax, drawing, parts, k)
 
 
-def draw_between(ax, drawing: Drawing, k: int) -> None:
+def draw_between(ax, drawing: Drawing, parts: Parts, k: int) -> None:
     """Draw forces between points of row k, with walls at points."""
     lines = defaultdict[str, list[np.ndarray]](list)
     size = drawing.size
-    for force in drawing.scene_parts("forces_between"):
+    for force in parts.forces_between:
         if isinstance(force, GroundSpring):
             _draw_to_ground(lines, drawing, force, k)
             continue
@@ -376,18 +390,18 @@ def _draw_by_looks(ax, lines: dict[str, list[np.ndarray]]) -> None:
         draw_lines(ax, points, **_LOOKS.get(look, _FINE))
 
 
-def draw_hinges(ax, drawing: Drawing, k: int) -> None:
+def draw_hinges(ax, drawing: Drawing, parts: Parts, k: int) -> None:
     """Draw a ring at each hinge of row k, and a square at each slide."""
     size = 0.8 * marker_size(ax, drawing)
     look = {"color": "white", "markeredgecolor": "black", "markersize": size, "zorder": 5}
-    for marker, nodes in nodes_of_joints(drawing).items():
+    for marker, nodes in nodes_of_joints(parts).items():
         ax.plot(*drawing.positions(nodes, k).T, marker, **look)
 
 
-def nodes_of_joints(drawing: Drawing) -> dict[str, list[int]]:
+def nodes_of_joints(parts: Parts) -> dict[str, list[int]]:
     """Numbers of the nodes at hinges by the marker "o", and at slides by "s"."""
     nodes: dict[str, list[int]] = {}
-    for joint in drawing.scene_parts("joints"):
+    for joint in parts.joints:
         # A hinge on the ground is drawn as a support; rigid joints are not marked.
         if not (joint.is_rigid or (is_grounded(joint) and joint.slide is None)):
             marker = "o" if joint.slide is None else "s"

@@ -11,6 +11,7 @@ import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
+from fx_beam.scene.parts import Parts
 
 from .contact_gaps import columns_of
 from .records import BeamResultants, Energy, Stats
@@ -124,7 +125,7 @@ class _Joined:
         nodes = {name: self._nodes[beam_nodes] for name, beam_nodes in first.nodes_of_beam.items()}
         friction = first.variables_of_contact.items()
         friction = {self._contacts[number].number: rows for number, rows in friction}
-        solution = type(first)(
+        joined = type(first)(
             self._histories(),
             X=self.X,
             energy=Energy(**self._rows(vars(first.energy), vars(second.energy))),
@@ -141,8 +142,17 @@ class _Joined:
             variables_of_contact=self._rows(friction, second.variables_of_contact),
             turns_of_line=self._rows(first.turns_of_line, second.turns_of_line),
         )
-        solution.has_own_energy = first.has_own_energy or second.has_own_energy
-        return solution
+        joined.has_own_energy = first.has_own_energy or second.has_own_energy
+        joined.parts = self._parts()
+        return joined
+
+    def _parts(self) -> tuple[tuple[int, Parts], ...]:
+        """Parts of both scenes with their first rows, on the nodes of the joined motion."""
+        first, second = self._first.parts, self._second.parts
+        if (self._nodes != np.arange(len(self._nodes))).any():
+            first = tuple((row, parts.moved(self._node, self._nodes)) for row, parts in first)
+        shift = len(self._first.t) - 1
+        return *first, *((shift + max(row, 1), parts) for row, parts in second)
 
     def _histories(self) -> dict[str, np.ndarray]:
         first, second, histories = self._first, self._second, dict[str, np.ndarray]()

@@ -29,6 +29,7 @@ from fx_beam.scene.outputs import (
     quantity_of,
     section_value,
 )
+from fx_beam.scene.parts import Parts
 from fx_beam.scene.scene import Scene
 
 from .records import BeamResultants, Energy, Stats, facts, known_resultants, read_only
@@ -204,6 +205,8 @@ class Solution:
         self.has_own_energy = False
         #: Loads on nodes at these equilibria, and fading forces (2,) by node, for pictures.
         self.loads_on_nodes: Any = None
+        #: Parts of the scene in the runs of a motion, each with its first row, for pictures.
+        self.parts: tuple[tuple[int, Parts], ...] = ((0, Parts(contacts=tuple(contacts))),)
 
     def __getattr__(self, name: str) -> Any:
         """Attribute that is set when it is first read."""
@@ -785,9 +788,14 @@ def scene_of(solution) -> Any:
     return getattr(node, "scene", None)
 
 
+def parts_in(solution, k: int) -> Parts:
+    """Parts of the scene in row k of a solution; of copies and of files there are contacts only."""
+    return next(parts for first, parts in solution.parts[::-1] if first <= k)
+
+
 def forces_on_nodes(solution: Solution, k: int, magnify: float = 1.0) -> dict[int, np.ndarray]:
     """Forces (2,) on nodes in row k, by their numbers [N]; followers turn as in a picture."""
-    loads, fading = solution.loads_on_nodes or (getattr(scene_of(solution), "loads", ()), {})
+    loads, fading = solution.loads_on_nodes or (parts_in(solution, k).loads, {})
     t, static = solution.t[k], solution.stats.static
     forces = {node: (1 - t) * force for node, force in fading.items()}
     for load in loads:

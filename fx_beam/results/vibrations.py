@@ -29,6 +29,7 @@ from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.notebook import sketch
 from fx_beam.scene.outputs import Output
+from fx_beam.scene.parts import Parts
 
 from .export import data_frame, write_csv
 from .solution import Solution
@@ -142,6 +143,8 @@ class Modes:
     excitation : Excitation or callable, optional
         What `participation` and `spectrum` read, or a function that gives it; none for modes of
         critical points.
+    parts : Parts
+        Supports, joints and springs of the scene, for pictures; copies have none.
 
     Examples
     --------
@@ -167,6 +170,7 @@ class Modes:
     bodies: dict[str, Body] = field(default_factory=dict)
     beams: dict[str, Beam] = field(default_factory=dict)
     excitation: Any = field(default=None, repr=False)
+    parts: Parts = field(default=Parts(), repr=False)
 
     def __post_init__(self):
         # Rotations count if nothing else moves.
@@ -430,7 +434,9 @@ def modes_of(model, q, vectors, omega, rigid, ratios, roots) -> Modes:
     nodes = dict(zip(beams, model.mesh.nodes, strict=True))
     degree = model.scene.beams[0].degree if beams else 1
     bodies = {body.name: body for body in model.scene.bodies}
-    return Modes(omega, rigid, shapes, positions, nodes, degree, ratios, roots, bodies, beams)
+    members, parts = (bodies, beams), model.data.parts
+    known = (shapes, positions, nodes, degree, ratios, roots)
+    return Modes(omega, rigid, *known, *members, parts=parts)
 
 
 def first_of_largest(sizes: np.ndarray) -> int:

@@ -28,6 +28,7 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.coordinate import Coulomb
 from fx_beam.scene.joints import GROUND, slides_at_start
 from fx_beam.scene.law import has_pieces
+from fx_beam.scene.parts import Parts
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import sliding_joints
 from fx_beam.scene.structure import OtherStructureError, Structure
@@ -173,8 +174,9 @@ class Model:
             natural = natural_strains(scene, mesh)
         else:
             natural = known.natural
-        gears, moved, beams = numbers_of_gears(scene), motors(scene), LoadedBeams.of(scene)
-        return Data(scene, X, forms, masses, loads, natural, arms, gears, moved, beams)
+        gears, moved = numbers_of_gears(scene), motors(scene)
+        lasting = LoadedBeams.of(scene), Parts.of(scene)
+        return Data(scene, X, forms, masses, loads, natural, arms, gears, moved, *lasting)
 
     def set_numbers(self, data: Data) -> None:
         """Take the numbers of a scene of this structure, as if this were the model of it.

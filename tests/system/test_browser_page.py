@@ -116,8 +116,9 @@ def test_symbols_move_with_their_nodes_and_points():
         return low + points / held["finest"] * (high - low)
 
     near = {"abs": 1e-4}
-    (support,), (spring,), (force,) = held["supports"], held["between"], held["forces"]
-    (mass,) = (one for one in held["markers"] if one["count"])
+    (here,) = held["stretches"]
+    (support,), (spring,), (force,) = here["supports"], here["between"], here["forces"]
+    (mass,) = (one for one in here["markers"] if one["count"])
     start, end = solution.position(bar.start), solution.position(bar.end)
     assert places(support, 1)[:, 0] == pytest.approx(start, **near)
     assert start[-1][0] == pytest.approx(-1) and support["marker"] == "o" and support["thick"]
