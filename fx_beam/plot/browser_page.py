@@ -161,6 +161,10 @@ def _stretch(drawing: Drawing, parts: Parts, places: list[int]) -> dict[str, obj
     return {
         "first": places[0],
         "obstacles": [outline._asdict() for outline in drawing.obstacles.fixed(parts)],
+        "circles": [
+            {"count": len(lines[0]), "points": _points(drawing, lines)}
+            for lines in zip(*(drawing.circles(parts, k) for k in rows), strict=True)
+        ],
         "carried": [_carried(drawing, outlines) for outlines in zip(*carried, strict=True)],
         # Symbols in units of the drawing's size.
         "supports": [

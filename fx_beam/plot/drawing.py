@@ -108,6 +108,9 @@ def apart(lines: Iterable[np.ndarray]) -> np.ndarray:
 
 
 _GAP = np.nan, np.nan
+# A spoke of a wheel of radius 1, and its rim.
+_RIM = np.pi / 2 + np.linspace(0, 2 * np.pi, 97)
+_WHEEL = np.concatenate([np.zeros((1, 2)), np.column_stack([np.cos(_RIM), np.sin(_RIM)])])
 
 
 class Drawing:
@@ -210,6 +213,13 @@ class Drawing:
         """Magnified rotation of a node in row k [rad]."""
         return self.magnify * self._q[k][node, 2]
 
+    def circles(self, parts: Parts, k: int) -> list[np.ndarray]:
+        """Balls and wheels in row k: from the centre to the rim (98, 2), along it and round."""
+        return [
+            self.positions(node, k) + radius * _WHEEL @ turn(self.angle(node, k))
+            for node, radius in parts.radii.items()
+        ]
+
     def arrow(self, node: int, k: int) -> np.ndarray:
         """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""
         tip, scale = self.positions(node, k), _LONGEST_FORCE * self.reach
@@ -239,6 +249,7 @@ def _framed_points(drawing: Drawing) -> np.ndarray:
     fixed += [foot for force in grounded for _, foot, _ in feet(drawing, force)]
     arrows = [drawing.arrow(node, k) for k, forces in drawing.forces.items() for node in forces]
     lines = [outline.line for k in drawing.rows for outline in drawing.obstacles.all(k)]
+    lines += [circle for k in drawing.rows for circle in drawing.circles(drawing.parts(k), k)]
     return np.concatenate([drawing.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
 
 

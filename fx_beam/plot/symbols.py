@@ -233,6 +233,7 @@ def draw_moving(
 ) -> None:
     """Draw rigid arms, bodies, masses and carried obstacles of row k."""
     _draw_arms(ax, drawing, k, colour)
+    draw_lines(ax, drawing.circles(drawing.parts(k), k), color=colour, linewidth=1.2, zorder=2)
     draw_bodies(ax, drawing, k, colour, small)
     draw_outlines(ax, drawing.obstacles.carried(drawing.parts(k), k), colour if small else "0.35")
     heavy = nodes_with_mass(drawing.parts(k))

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from .beam import Node
 from .contacts import Contact
 from .forces_between import ForceBetween
@@ -41,6 +43,17 @@ class Parts(NamedTuple):
         # Functions of the user, as loads may have, cannot be copied.
         return Parts, (*type(self)()[:-1], self.contacts)
 
+    @property
+    def radii(self) -> dict[int, float]:
+        """Radii of the balls and wheels around nodes, by their numbers [m]."""
+        radii: dict[int, float] = {}
+        for contact in self.contacts:
+            radius = float(np.broadcast_to(contact.radius, 2)[0])
+            if isinstance(contact.target, Node) and radius > 0:
+                number = contact.target.number
+                radii[number] = max(radius, radii.get(number, 0.0))
+        return radii
+
     def without(self, others: Parts) -> Parts:
         """The parts that others do not have, known by what they are and on which nodes."""
 
@@ -48,7 +61,8 @@ class Parts(NamedTuple):
             return part if isinstance(part, tuple) else str(part)
 
         lists: list[Any] = []
-        for own, other in zip(self, others, strict=True):
+        pairs: Any = zip(self, others, strict=True)
+        for own, other in pairs:
             names = set(map(named, other))
             lists.append(type(own)(part for part in own if named(part) not in names))
         return Parts(*lists)

@@ -147,3 +147,56 @@ def test_shapes_of_joined_motions_have_supports_that_are_gone():
 
     for figure in (plain, drawn):
         assert dark_below(figure.axes[0])
+
+
+# -- Sizes -----------------------------------------------------------------------------------------
+
+
+def rolling():
+    """A ball of radius 0.2 that rolls on a floor, and its motion: from x = 0 at 1 m/s."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    ball = scene.add_body((0, 0.2), mass=2.0, inertia=0.1)
+    friction = {"friction": fb.Coulomb(0.5, 1e6), "radius": 0.2}
+    scene.add_contact(ball.centre, fb.Line((0, 0), normal=(0, 1)), stiffness=1e6, **friction)
+    scene.set_velocity(ball, (1.0, 0.0), spin=-5.0)
+    return scene, ball, fb.simulate(scene, dt=0.002, t_end=0.5)
+
+
+@pytest.mark.parametrize("kind", ["scene", "shapes", "page"])
+def test_a_ball_has_its_radius_and_a_spoke_that_turns_with_it(kind):
+    scene, ball, solution = rolling()
+    last = len(solution.t) - 1
+    if kind == "page":
+        page = page_of(solution)
+        (circle,) = page["stretches"][0]["circles"]
+        drawn = places(page, circle).reshape(-1, circle["count"], 2)[-1]
+    elif kind == "scene":
+        drawn, last = wheel_in(plot.scene(scene).axes[0]), 0
+    else:
+        drawn = wheel_in(plot.shapes(solution, rows=[last]).axes[0])
+    centre, *rim = drawn
+    assert centre == approx(solution.position(ball.centre)[last], abs=1e-4)
+    assert np.hypot(*(rim - centre).T) == approx(0.2, abs=1e-4)
+    psi = solution.rotation(ball.centre)[last]
+    assert (rim[0] - centre) / 0.2 == approx([-np.sin(psi), np.cos(psi)], abs=1e-3)
+    assert last == 0 or psi == approx(-2.5, abs=0.05)
+
+
+def wheel_in(ax):
+    """Points of the only closed line with a spoke: from the centre to the rim, and round."""
+    lines = [line.get_xydata() for line in ax.lines]
+    parts = [p for line in lines for p in np.split(line, np.flatnonzero(np.isnan(line[:, 0])))]
+    clean = [part[~np.isnan(part[:, 0])] for part in parts]
+    (wheel,) = (p for p in clean if len(p) > 50 and p[1] == approx(p[-1]) and p[0] != approx(p[1]))
+    return wheel
+
+
+def test_balls_of_members_and_at_ends_of_beams_have_their_radius_in_the_window():
+    scene, bar = pinned_bar((1, 0), FLYING, elements=2)
+    rail = scene.add_beam([(-1, -0.6), (3, -0.6)], FLYING, elements=2)
+    scene.clamp(rail.start)
+    scene.add_contact(bar.end, rail, stiffness=1e3, radius=(0.5, 0.1))
+    ax = plot.scene(scene).axes[0]
+    centre, *rim = wheel_in(ax)
+    assert centre == approx([1, 0]) and np.hypot(*(rim - centre).T) == approx(0.5)
+    assert ax.get_ylim()[1] > 0.5
