@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from threading import RLock
@@ -12,11 +12,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError, as_float, check_takes, is_number, positive, require
+from fx_beam.errors import (
+    SceneError,
+    as_float,
+    check_takes,
+    is_number,
+    positive,
+    require,
+    vector,
+)
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.beam import Node
+from fx_beam.scene.loads import check_node
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.step import full_turns
@@ -121,6 +131,8 @@ class OpenMotion:
         self.held = inputs
         self._loop, self._stepper = prepared.loop, prepared.stepper
         self._inputs = SingleInputs(self._loop.problem, prepared.forcing)
+        #: Dead forces (size,) of the step beside those of the scene, which C reads.
+        self._pushes: np.ndarray | None = None
         #: Whether state, inputs and record are those of the present step.
         self._settled = False
         #: Arrays of the state in C by name.
@@ -154,6 +166,7 @@ class OpenMotion:
         """Undo what an interrupt or an error has left of a step that was not taken."""
         if self._settled:
             return
+        self._push(None)
         present = self.now
         self._stepper.return_to(present.mark, present.recorder)
         self._prepared.forcing.hold(self._loop.state.read())
@@ -164,8 +177,8 @@ class OpenMotion:
 
     # -- Steps --------------------------------------------------------------------------------
 
-    def step(self, inputs: Mapping[str, object]) -> None:
-        """Take a step with some new inputs."""
+    def step(self, inputs: Mapping[str, object], pushes: np.ndarray | None = None) -> None:
+        """Take a step with some new inputs, and dead forces (size,) beside those of the scene."""
         self.settle()
         now = self.now
         grid, recorder, number, start = now.grid, now.recorder, now.number + 1, now.end
@@ -176,7 +189,11 @@ class OpenMotion:
         self.held.set(checked)
         self.held.begin(now.mark.t, t1)
         self._inputs.next(number, now.mark.t, t1)
+        if pushes is not None:
+            self._push(pushes)
         self._stepper.advance(np.array([t1]), number, recorder)
+        if pushes is not None:
+            self._push(None)
         self.held.arrive()
         mark, end = recorder.end, None
         if start is not None:
@@ -188,6 +205,11 @@ class OpenMotion:
             self._stepper.count_turns(recorder)
             self.now = self.now._replace(mark=recorder.end)
         self._settled = True
+
+    def _push(self, pushes: np.ndarray | None) -> None:
+        problem, self._pushes = self._loop.problem, pushes
+        memory = problem.ffi.NULL if pushes is None else problem.ffi.from_buffer("double[]", pushes)
+        problem.c.work.pushes = memory
 
     def count(self) -> None:
         """Add what was counted to the statistics."""
@@ -358,7 +380,11 @@ class Motion:
     # -- Steps ------------------------------------------------------------------------------------
 
     @one_motion
-    def step(self, inputs: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    def step(
+        self,
+        inputs: Mapping[str, Any] | None = None,
+        forces: Mapping[Node, Sequence[float]] | None = None,
+    ) -> dict[str, Any]:
         """Take one step.
 
         Parameters
@@ -366,6 +392,8 @@ class Motion:
         inputs : dict, optional
             Values of inputs by their names: forces [N] and moments [N m] in this step, positions of
             motors and driven motions [m or rad] at its end.
+        forces : dict, optional
+            Further forces (fx, fy) [N] by nodes, which act in this step only.
 
         Returns
         -------
@@ -375,16 +403,33 @@ class Motion:
         Raises
         ------
         SceneError
-            For an input that is unknown, has the wrong size or is not finite, or if something was
-            added to the scene since the motion was created. Nothing is changed.
+            For an input that is unknown, has the wrong size or is not finite, for such a force or a
+            node of another scene, or if something was added to the scene since the motion was
+            created. Nothing is changed.
         StepError
             If the step fails. The motion stays in the state before the step, with its inputs.
         """
         clock = perf_counter()
-        self._open.step({} if inputs is None else inputs)
+        inputs = {} if inputs is None else inputs
+        if forces:
+            self._open.held.checked(inputs)  # the nodes are those of the start
+            self._open.step(inputs, self._on_nodes(forces))
+        else:
+            self._open.step(inputs)
         outputs = {name: read() for name, read in self._readings.items()}
         self._prepared.stats.seconds += perf_counter() - clock
         return outputs
+
+    def _on_nodes(self, forces: Mapping[Node, Sequence[float]]) -> np.ndarray:
+        """Dead forces (size,) by nodes [N]."""
+        expected = "a dictionary of forces (fx, fy) by nodes"
+        require(isinstance(forces, Mapping), "forces", forces, expected)
+        model, scene = self._prepared.model, self._arguments["scene"]
+        dead = np.zeros((len(model.mesh.X), 3))
+        for node, force in forces.items():
+            check_node(scene, node, "forces")
+            dead[node.number, :2] += vector(force, 2, f"force on {node}")
+        return dead.reshape(-1)
 
     @one_motion
     def run(self, t_end: float, controller: Controller | None = None) -> dict[str, Any]:

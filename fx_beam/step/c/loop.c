@@ -30,6 +30,7 @@ static void begin_loads(const Tables *p, const Numbers *s, const Work *w) {
       w->dead[p->loads.dof[i]] += s->load_force[i] * (start[k] + end[k]) / 2;
     }
   }
+  if (w->pushes) add_times(p->dofs, 1, w->pushes, w->force), add_times(p->dofs, 1, w->pushes, w->dead);
 }
 
 /* Natural strains at the end of a step, unless Python sets them. */

@@ -130,6 +130,7 @@ typedef struct {
   Narrow narrow;
   const double *fields[FIELDS];                  /* by the kinds of Form */
   double dt, *loads, *follower_force, *naturals; /* inputs of a sub-step */
+  const double *pushes;                          /* [dofs] further dead forces, or 0 for none */
   int transposed;  /* whether bordering rows are those of the transposed tangent */
   int slopes_only; /* whether elements give no tangent: it comes from their slopes (element_derivatives.h), or none is needed */
 } Work;
