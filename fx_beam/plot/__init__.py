@@ -17,9 +17,10 @@ from .charts import (
 )
 from .drawing import axis
 from .force_diagrams import diagrams
+from .live_page import LiveView, live
 from .scene_drawing import scene
 from .shape_pictures import modes, shapes
 
-__all__ = ["Page", "animate", "axis", "curves", "diagrams", "equilibrium_paths", "figure"]
-__all__ += ["frequency_response", "interactive", "modes", "quantities", "response", "save"]
-__all__ += ["scene", "shapes", "style"]
+__all__ = ["LiveView", "Page", "animate", "axis", "curves", "diagrams", "equilibrium_paths"]
+__all__ += ["figure", "frequency_response", "interactive", "live", "modes", "quantities"]
+__all__ += ["response", "save", "scene", "shapes", "style"]

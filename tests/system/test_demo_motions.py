@@ -309,6 +309,21 @@ def test_the_rigid_mechanism_keeps_its_energy():
     assert energy == approx(pull * np.sin(angle), abs=1e-9)
 
 
+# -- live_arm
+
+
+def test_the_arm_comes_to_rest_in_its_static_equilibrium_below_rigid_links(live_arm):
+    assert live_arm["tip"] == approx(live_arm["tip in equilibrium"], abs=1e-4)
+    links = approx(live_arm["tip of rigid links"][0], abs=0.05)
+    assert live_arm["tip in equilibrium"][0] == links
+    assert 0.05 < live_arm["tip of rigid links"][1] - live_arm["tip in equilibrium"][1] < 0.2
+
+
+def test_the_work_of_motors_and_pushes_is_stored_or_lost(live_arm):
+    assert live_arm["energy balance"] < 1e-11
+    assert live_arm["lost"] > 1.0
+
+
 # -- pd_arm
 
 

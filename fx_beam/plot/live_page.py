@@ -1,0 +1,346 @@
+"""A motion in a browser while it runs: sliders for its inputs, and the mouse as a spring."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import secrets
+import webbrowser
+from collections.abc import Iterator, Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Event, Lock, Thread
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.collections import Collection
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from fx_beam.errors import (
+    SceneError,
+    StepError,
+    finite,
+    is_whole,
+    positive,
+    require,
+    vector,
+)
+from fx_beam.results.files import of_numpy
+
+from .drawing import Drawing
+from .symbols import draw_lines, draw_moving, draw_surroundings
+
+_log = logging.getLogger("fx_beam")
+_TEMPLATE = Path(__file__).with_suffix(".html")
+_ENERGIES = "kinetic", "strain", "potential", "springs", "total"
+# By the clock: time for the steps of a picture, and the longest pause that they make up for [s].
+_STEPPING, _LONGEST = 0.03, 0.1
+# Time in which an input follows its slider, by the clock [s]; most bytes of a request.
+_FOLLOWING, _LONGEST_TEXT = 0.1, 65_536
+# Points of a line in pixels: 96 pixels are 72 points.
+_PIXELS = 96 / 72
+
+
+class LiveView:
+    """A page on which a motion runs, made by `live`; notebooks show it.
+
+    Attributes
+    ----------
+    url : str
+        Its address on this computer, with the token without which nothing is answered.
+    """
+
+    def __init__(self, motion: Any, limits: Mapping[str, Any] | None, speed: float):
+        self._ended = Event()
+        run = _Run(motion, limits, speed)
+        page = _TEMPLATE.read_text("utf-8").replace("/* DATA */", _text(run.description()))
+        path = f"/{secrets.token_urlsafe(16)}/"
+        parts = {"run": run, "page": page, "path_of_page": path, "ended": self._ended}
+        handler = type("Handler", (_Handler,), parts)
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        self._server.timeout = 0.1
+        self.url = f"http://127.0.0.1:{self._server.server_port}{path}"
+        self._thread = Thread(target=self._serve, daemon=True, name="fx_beam live view")
+        self._thread.start()
+
+    def _serve(self) -> None:
+        with self._server:
+            while not self._ended.is_set():
+                self._server.handle_request()
+
+    def wait(self) -> None:
+        """Open the page in a browser, and return when it is ended there or by Ctrl-C."""
+        if not webbrowser.open(self.url):
+            _log.warning("no browser could be opened; the page is %s", self.url)
+        try:
+            self._ended.wait()
+        except KeyboardInterrupt:
+            pass
+        self.close()
+
+    def close(self) -> None:
+        """End the page; the motion stays where it is."""
+        self._ended.set()
+        self._thread.join()
+
+    def __repr__(self):
+        return f"<LiveView: {'ended' if self._ended.is_set() else self.url}>"
+
+    def _repr_html_(self):
+        return f'<iframe src="{self.url}" style="width:100%;height:42rem;border:0"></iframe>'
+
+
+def live(
+    motion: Any, limits: Mapping[str, tuple[float, float]] | None = None, speed: float = 1.0
+) -> LiveView:
+    """Page on which a motion runs, and is pushed: a slider for each input, the mouse as a spring.
+
+    The page has buttons for pause, slower, faster, reset and end, and curves of energies and
+    outputs. Press the mouse on a node and pull: a spring acts from there to the mouse, by
+    ``forces`` of `Motion.step`. Inputs follow their sliders within some tenths of a second, without
+    jumps of their rates. As long as the page runs, nothing else may use the motion.
+
+    It is served by this process, at an address on this computer with a secret token; nothing else
+    is answered. In a notebook the page is shown. In a script `LiveView.wait` opens it in a browser.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion; it goes on from where it is.
+    limits : dict, optional
+        Least and largest value of inputs by name, for their sliders. By default an input goes by 1
+        to both sides of its value, or by twice the value if this is more.
+    speed : float
+        Seconds of the motion in a second, if the computer steps that fast.
+
+    Returns
+    -------
+    LiveView
+        The page, with its address `url`.
+
+    Raises
+    ------
+    SceneError
+        For limits of what is no input, or that are not two numbers in order, or a speed that is not
+        positive.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -9.81))
+    >>> strip = fb.Section(EA=1e4, GA=1e4, EI=0.5, rhoA=0.5, rhoI=1e-4)
+    >>> arm = scene.add_beam([(0, 0), (1, 0)], strip)
+    >>> scene.pin(arm.start)
+    >>> load = scene.add_moment(arm.start, fb.Input("torque"))
+    >>> view = fb.plot.live(fb.Motion(scene, dt=2e-3), limits={"torque": (-5, 5)})
+    >>> view.url.startswith("http://127.0.0.1:")
+    True
+    >>> view.close()  # a script calls view.wait()
+    """
+    require(hasattr(motion, "snapshot"), "live: motion", motion, "an fx_beam.Motion")
+    return LiveView(motion, limits, positive(speed, "live: speed"))
+
+
+class _Run:
+    """The motion of a page: what the page asks for, and what it draws."""
+
+    def __init__(self, motion: Any, limits: Mapping[str, Any] | None, speed: float):
+        self._motion, self._speed, self._lock = motion, speed, Lock()
+        self._begin = motion.snapshot()
+        self._take_inputs()
+        for name in limits or {}:
+            require(name in self._targets, "live: limits", name, f"among {[*self._targets]}")
+        self._limits = {name: self._limits_of(name, limits or {}) for name in self._targets}
+        drawing = Drawing(motion.state, [0])
+        self._window = drawing.window
+        self._nodes = [*drawing.scene_parts("nodes")]
+        self._axes = Figure((8, 8)).add_axes((0, 0, 1, 1))
+        masses = [mass for _, mass, _ in drawing.scene_parts("masses")]
+        for beam in drawing.solution.beams.values():
+            masses.append(beam.length * float(beam.section.values("rhoA", np.array([0.5]))[0]))
+        #: All mass [kg], and the stiffness by which it swings once in a second of the clock [N/m].
+        self._mass = sum(masses) or 1.0
+        self._stiffness = (2 * math.pi / speed) ** 2 * self._mass
+        #: Motion that is due [s], time of the clock [s], and size of the last pull [N].
+        self._due, self._clock, self._pull = 0.0, perf_counter(), 0.0
+
+    def _take_inputs(self) -> None:
+        """Take the inputs of the motion as targets, which they follow from rest."""
+        inputs = self._motion.inputs.items()
+        self._targets = {name: np.array(x, float, ndmin=1) for name, x in inputs}
+        self._inputs = {name: (x, np.zeros(len(x))) for name, x in self._targets.items()}
+
+    def _limits_of(self, name: str, limits: Mapping[str, Any]) -> list[float]:
+        if name in limits:
+            low, high = vector(limits[name], 2, f"live: limits of {name!r}").tolist()
+            require(low < high, f"live: limits of {name!r}", limits[name], "two numbers in order")
+            return [low, high]
+        values = self._targets[name]
+        reach = float(np.maximum(1.0, 2 * abs(values)).max())
+        return [float(values.min()) - reach, float(values.max()) + reach]
+
+    def description(self) -> dict[str, Any]:
+        """Parts of the page that stay."""
+        return {"limits": self._limits, "speed": self._speed, "window": self._window}
+
+    def answer(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Take the steps that are due, and give a picture; an error for what is no request."""
+        with self._lock:
+            speed, pull = finite(request["speed"], "speed", "not negative"), request["pull"]
+            for name, values in request["inputs"].items():
+                self._targets[name] = vector(values, len(self._targets[name]), name)
+            if pull is not None:
+                ok = is_whole(pull["node"], 0, len(self._nodes) - 1)
+                require(ok, "node", pull["node"], "the number of a node")
+                pull = pull["node"], vector(pull["to"], 2, "to"), positive(pull["times"], "times")
+            if request["reset"]:
+                self._motion.restore(self._begin)
+                self._take_inputs()
+                self._due = 0.0
+            now, t, error = perf_counter(), self._motion.t, ""
+            passed, self._clock = min(now - self._clock, _LONGEST), now
+            self._due = self._due + speed * passed if speed else 0.0
+            try:
+                self._steps(speed, pull, now + _STEPPING)
+            except StepError as failed:
+                error, self._due = str(failed), 0.0
+            ran = (self._motion.t - t) / passed
+            return self._picture() | {"error": error, "ran": ran}
+
+    def _steps(self, speed: float, pull: tuple | None, end: float) -> None:
+        """Take the steps that are due, until the end of their time on the clock [s]."""
+        motion, self._pull = self._motion, 0.0
+        while self._due >= motion.dt:
+            if perf_counter() > end:
+                self._due = 0.0
+                return
+            part = motion.dt / (speed * _FOLLOWING)
+            for name, target in self._targets.items():
+                self._inputs[name] = _followed(*self._inputs[name], target, part)
+            forces = {} if pull is None else self._forces(*pull)
+            motion.step({name: x for name, (x, _) in self._inputs.items()}, forces)
+            self._due -= motion.dt
+
+    def _forces(self, number: int, to: np.ndarray, times: float) -> dict[Any, np.ndarray]:
+        """The pull of the mouse on a node, some times as stiff as usual, with a little damping."""
+        motion, node = self._motion, self._nodes[number]
+        stiffness = times * self._stiffness
+        damping = 0.2 * math.sqrt(stiffness * self._mass)
+        stretch = to - (node.x, node.y) - motion.q[number, :2]
+        force = stiffness * stretch - damping * motion.v[number, :2]
+        self._pull = float(np.hypot(*force))
+        return {node: force}
+
+    def _picture(self) -> dict[str, Any]:
+        """Lines and markers of the present state, and values for curves."""
+        state, axes = self._motion.state, self._axes
+        drawing = Drawing(state, [0])
+        drawing.include(self._window)
+        for artist in (*axes.lines, *axes.collections):
+            artist.remove()
+        look: Any = {"color": "#0072B2", "linewidth": 2 * drawing.thinness, "zorder": 2.5}
+        draw_lines(axes, [drawing.axis(name, 0) for name in state.beams], **look)
+        draw_moving(axes, drawing, 0)
+        draw_surroundings(axes, drawing, 0)
+        energies = {name: float(getattr(state.energy, name)[0]) for name in _ENERGIES}
+        outputs = {name: np.ravel(value) for name, value in self._motion.outputs.items()}
+        return {
+            "t": state.t[0],
+            "lines": [_line(line) for line in sorted(axes.lines, key=Artist.get_zorder)],
+            "areas": [area for areas in axes.collections for area in _areas(areas)],
+            "nodes": drawing.positions(np.arange(len(self._nodes)), 0),
+            "targets": self._targets,
+            "energies": {name: x for name, x in energies.items() if x or name == "total"},
+            "outputs": {**outputs, "pull of the mouse": [self._pull]},
+        }
+
+
+def _followed(x: np.ndarray, rate: np.ndarray, target: np.ndarray, part: float) -> tuple:
+    """A value and its rate after a part of the time in which it follows a target, as if damped."""
+    away = x - target
+    slope = rate + away
+    decay = math.exp(-part)
+    return target + (away + slope * part) * decay, (rate - slope * part) * decay
+
+
+def _line(line: Line2D) -> dict[str, Any]:
+    """A line or markers of matplotlib for the page, with gaps as null; sizes in pixels."""
+    points = [None if math.isnan(x) else (x, y) for x, y in np.asarray(line.get_xydata()).tolist()]
+    marker, dashed = str(line.get_marker()), line.is_dashed()
+    size = _PIXELS * (line.get_markersize() if marker in "os+" else line.get_linewidth())
+    edge = to_hex(line.get_markeredgecolor())
+    colour = to_hex(line.get_color())
+    return {
+        "points": points,
+        "marker": marker,
+        "dashed": dashed,
+        "size": size,
+        "edge": edge,
+        "colour": colour,
+    }
+
+
+def _areas(areas: Collection) -> Iterator[dict[str, Any]]:
+    """Areas of matplotlib for the page."""
+    colour = to_hex(tuple(np.ravel(areas.get_facecolor())[:4]), keep_alpha=True)
+    return ({"points": path.vertices, "colour": colour} for path in areas.get_paths())
+
+
+def _text(data: dict[str, Any]) -> str:
+    """Data as JSON, in which no text can end an element of a page."""
+    return json.dumps(data, allow_nan=False, default=of_numpy).replace("<", "\\u003c")
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers the page and its requests at the address with the token, and nothing else."""
+
+    protocol_version = "HTTP/1.1"  # one connection for all pictures
+    run: _Run
+    page: str
+    path_of_page: str
+    ended: Event
+
+    def do_GET(self) -> None:
+        """The page."""
+        if self._is_known(""):
+            self._send(200, "text/html; charset=utf-8", self.page)
+
+    def do_POST(self) -> None:
+        """A picture, after the steps that are due; or the end."""
+        if not self._is_known("picture"):
+            return
+        try:
+            size = min(int(self.headers["Content-Length"]), _LONGEST_TEXT)
+            request = json.loads(self.rfile.read(size))
+            answer = _text({} if request["end"] else self.run.answer(request))
+        except (SceneError, ValueError, KeyError, TypeError, AttributeError) as error:
+            return self._send(400, "text/plain; charset=utf-8", f"no request of the page: {error}")
+        self._send(200, "application/json", answer)
+        if request["end"]:
+            self.ended.set()
+
+    def _is_known(self, name: str) -> bool:
+        """Whether a request has the address of the page before its end; others find nothing."""
+        path = secrets.compare_digest(self.path.encode(), (self.path_of_page + name).encode())
+        host = self.headers["Host"] == f"127.0.0.1:{self.connection.getsockname()[1]}"
+        known = path and host and not self.ended.is_set()
+        if not known:
+            self._send(404, "text/plain", "not found")
+        return known
+
+    def _send(self, status: int, kind: str, text: str) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content := text.encode())))
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Referrer-Policy", "no-referrer")
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, format: str, *arguments: Any) -> None:
+        """Say nothing."""
