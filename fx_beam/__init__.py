@@ -26,10 +26,13 @@ __all__ = [name for name in _HOMES if name not in ("materials", "plot")]
 
 
 def __getattr__(name: str):
+    from .other_names import answering_keywords, hint
+
     if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        more = "" if name.startswith("_") else hint(__name__, name, __all__)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{more}")
     module = importlib.import_module(_HOMES[name])
-    value = globals()[name] = getattr(module, name, module)
+    value = globals()[name] = answering_keywords(getattr(module, name, module), __name__)
     return value
 
 

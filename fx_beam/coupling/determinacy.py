@@ -18,6 +18,8 @@ from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
 
+from .unjoined import unjoined_ends
+
 if TYPE_CHECKING:
     from .graph import Couplings
     from .loops import Loops
@@ -55,6 +57,8 @@ def mechanism_of(
     rates[parts.free] = motion
     description, advice = _description(scene, mesh, parts, rates)
     body = f"{description} as a rigid body"
+    if ends := unjoined_ends(scene, mesh):
+        body += f" (not joined: {ends})"
     reason = f"Equations of motion are singular: {body}, without mass or support"
     if mass is None:
         reason, advice = f"Static analysis is singular: {body}", "Add a support"

@@ -21,18 +21,23 @@ _NAMED = 3
 
 def warn_of_unjoined(scene: Scene, mesh: Mesh) -> None:
     """Warn of beams that end on another one without a joint, a contact or a line between them."""
+    if ends := unjoined_ends(scene, mesh):
+        warn_once(
+            f"not joined: {ends}. Beams are joined by common nodes, such as beam.end and "
+            "beam.node(fraction) as a point of another one, or by joints; a joint, a contact or a "
+            "line between them says that they are apart on purpose"
+        )
+
+
+def unjoined_ends(scene: Scene, mesh: Mesh) -> str:
+    """Beams that end on another one with nothing between them, in words; empty without any."""
     parts, held = _connected(scene, mesh)
     ends_of = [(beam.start.number, beam.end.number) for beam in scene.beams]
     ends = np.setdiff1d(ends_of, held)
     found = _touching(scene, mesh, ends, parts) if len(ends) else []
-    if not found or not (left := _unintended(scene, mesh, parts, ends_of, found)):
-        return
+    left = _unintended(scene, mesh, parts, ends_of, found)
     more = f", and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
-    warn_once(
-        f"not joined: {'; '.join(left[:_NAMED])}{more}. Beams are joined by common nodes, such as "
-        "beam.end and beam.node(fraction) as a point of another one, or by joints; a joint, a "
-        "contact or a line between them says that they are apart on purpose"
-    )
+    return "; ".join(left[:_NAMED]) + more
 
 
 def _touching(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fx_beam.other_names import answering_keywords
+
 from . import backend  # noqa: F401  # before all that draws
 from .animations import animate
 from .browser_page import Page, interactive
@@ -24,3 +26,5 @@ from .shape_pictures import modes, shapes
 __all__ = ["LiveView", "Page", "animate", "axis", "curves", "diagrams", "equilibrium_paths"]
 __all__ += ["figure", "frequency_response", "interactive", "live", "modes", "quantities"]
 __all__ += ["response", "save", "scene", "shapes", "style"]
+for _name in __all__:
+    globals()[_name] = answering_keywords(globals()[_name], __name__)

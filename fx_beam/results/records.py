@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fx_beam.errors import Failure
+from fx_beam.other_names import answering
 
 if TYPE_CHECKING:
     from .section_forces import SectionForces
@@ -307,6 +308,7 @@ class Stats:
         self.ended_by[ended_by] = self.ended_by.get(ended_by, 0) + 1
 
 
+@answering
 @dataclass(frozen=True)
 class BeamResultants:
     """Stress resultants along a beam, at the Gauss points of its elements.

@@ -21,6 +21,7 @@ from fx_beam.errors import (
     require,
     shown,
 )
+from fx_beam.other_names import answering
 
 #: Components of a node's motion, in the order used in all arrays.
 COMPONENTS = ("x", "y", "rotation")
@@ -32,6 +33,7 @@ USUAL_ELEMENTS = {1: 16, 2: 4, 3: 2}
 _MOST_KNOWN = 10_000
 
 
+@answering
 @dataclass(frozen=True)
 class Node:
     """A mesh node at the end of an element; created by `Scene.add_beam`.
@@ -109,6 +111,7 @@ class Nodes(list[Node]):
         return node
 
 
+@answering
 @dataclass(frozen=True, repr=False)
 class Beam:
     """A beam along a polyline with rigid corners, or along a curve; created by `Scene.add_beam`.

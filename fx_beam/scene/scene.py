@@ -20,6 +20,7 @@ from fx_beam.errors import (
     require,
     vector,
 )
+from fx_beam.other_names import answering
 
 from . import loads
 from .beam import COMPONENTS, Beam, BeamPlace, Node, Nodes, checked_degree, position_of
@@ -55,6 +56,7 @@ _Force = TypeVar("_Force", bound=ForceBetween)
 _Load = TypeVar("_Load", loads.Load, loads.VirtualWork, NaturalStrain)
 
 
+@answering
 class Scene:
     """Beams, rigid bodies, supports, joints, masses, loads, drag and initial velocities.
 
@@ -133,13 +135,6 @@ class Scene:
         self.__dict__.update(state)
         for node in self.nodes:
             object.__setattr__(node, "scene", self)
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name):
-            from fx_beam.other_names import no_attribute
-
-            raise no_attribute(self, name, dir(type(self)))
 
     @property
     def gravity(self) -> np.ndarray | None:

@@ -26,6 +26,7 @@ from fx_beam.errors import (
     shown,
     size_limit,
 )
+from fx_beam.other_names import answering
 from fx_beam.symbolic import Expr, ufl
 
 from .functions import ArrayCalls
@@ -254,6 +255,7 @@ def _check_plates(
     require(0 <= r <= room, f"{subject}: radius r", r, f"a number from 0 to {room:g}")
 
 
+@answering
 @dataclass(frozen=True)
 class Section:
     r"""Stiffness and inertia of a cross-section, per reference length.

@@ -5,6 +5,7 @@ The table of what is refused is `tests/core/test_refusals.py`.
 
 import copy
 import math
+import pickle
 from fractions import Fraction
 
 import ufl
@@ -178,19 +179,61 @@ def test_a_function_of_time_that_fails_later_ends_the_run_there(kind):
     np.testing.assert_array_equal(error.solution.energy.total, whole.energy.total[:4])
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "real"),
-    [
-        ("scene", "add_torque", "add_moment"),
-        ("scene", "add_bodys", "'add_body'"),
-        ("scene", "solve", r"fb\.static"),
-        ("solution", "plot", r"fb\.plot\.shapes"),
-        ("solution", "time", r"solution\.t$"),
-        ("solution", "rotations", "'rotation'"),
+OTHER_NAMES = {
+    "package": [("linearize", "'linearise'"), ("Hinge", "Revolute"), ("solve", r"fb\.static")],
+    "scene": [
+        *(("add_torque", "add_moment"), ("add_bodys", "'add_body'"), ("solve", r"fb\.static")),
+        ("add_element", r"scene\.add_beam"),
     ],
+    "solution": [
+        *(("plot", r"fb\.plot\.shapes"), ("time", r"solution\.t$"), ("rotations", "'rotation'")),
+        ("stresses", r"solution\.stress\(beam\)"),
+    ],
+    "node": [("position", r"node\.x"), ("clamp", r"scene\.clamp")],
+    "beam": [("middle", r"beam\.node"), ("lenght", "'length'"), ("EI", r"beam\.section")],
+    "resultants": [("V", r"resultants\.Q"), ("bending_moment", r"resultants\.M")],
+    "section": [("E", "EA"), ("density", "rhoA")],
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "real"), [(kind, *pair) for kind, xs in OTHER_NAMES.items() for pair in xs]
 )
 def test_names_of_other_programs_are_answered_by_ours(kind, name, real):
     scene, beam = clamped_bar((1, 0), fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
-    thing = scene if kind == "scene" else fb.static(scene)
+    parts = {"package": fb, "scene": scene, "node": beam.end, "beam": beam, "section": beam.section}
+    if kind in ("solution", "resultants"):
+        parts["solution"] = fb.static(scene)
+        parts["resultants"] = parts["solution"].resultants(beam)
+    thing = parts[kind]
     assert_refused(f"no attribute '{name}'.*{real}", getattr, thing, name, error=AttributeError)
     assert not hasattr(thing, name)
+
+
+@pytest.mark.parametrize("name", ["add_axle", "elements_of", "zzz"])
+def test_a_name_that_is_like_none_of_ours_has_no_guess(name):
+    with pytest.raises(AttributeError) as caught:
+        getattr(fb.Scene(), name)
+    assert str(caught.value).endswith(f"no attribute '{name}'")
+
+
+@pytest.mark.parametrize(
+    ("call", "name", "real"),
+    [
+        (lambda scene: fb.simulate(scene, dt=0.1, t_end=1.0, t_eval=[0.5]), "t_eval", "Record"),
+        (lambda scene: fb.static(scene, load_step=3), "load_step", "'load_steps'"),
+        (lambda scene: fb.modes(scene, num_modes=3), "num_modes", "Use n$"),
+    ],
+)
+def test_keywords_of_other_programs_are_answered_by_ours(call, name, real):
+    scene, _ = clamped_bar((1, 0), fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
+    assert_refused(f"argument '{name}'.*{real}", call, scene, error=TypeError)
+
+
+@pytest.mark.plot
+def test_keywords_of_other_programs_of_pictures_are_answered_by_ours():
+    assert_refused("'color'.*'colour'", fb.plot.shapes, None, "x.png", color="M", error=TypeError)
+
+
+def test_functions_with_hints_are_pickled_by_name():
+    assert pickle.loads(pickle.dumps(fb.simulate)) is fb.simulate

@@ -109,3 +109,12 @@ def test_ends_on_curves_on_lines_of_offset_beams_and_at_rounded_places_are_named
     scene.clamp(arm.end)
     fb.static(scene, linear=True)
     assert f"beam 'arm {k}' ends at ({place[0]:g}, {place[1]:g}) on beam 'held {k}'" in caplog.text
+
+
+def test_a_mechanism_by_ends_that_are_not_joined_says_so():
+    scene, post, arm = post_and_arm(1.0)
+    scene.fixed.clear()
+    scene.clamp(post.start)
+    scene.add_force(arm.end, (1.0, 0.0))
+    with pytest.raises(fb.SceneError, match=rf"not joined: beam '{arm.name}' ends at \(0, 1\)"):
+        fb.static(scene)
