@@ -27,6 +27,12 @@ _SHOWN = 200
 # Types of real numbers, for which a look is enough.
 _PLAIN = frozenset({float, np.float64})
 _SCALARS = _PLAIN | {int}
+# Methods of quantities with units, and how their number is read: of pint, astropy and unyt.
+_NUMBERS = {
+    "to_base_units": "value.to_base_units().magnitude",
+    "decompose": "value.si.value",
+    "in_base": "value.in_base().value",
+}
 # Without the dispatch of old versions of NumPy, which takes as long as the count.
 _count_nonzero = getattr(np.count_nonzero, "__wrapped__", np.count_nonzero)
 
@@ -151,11 +157,34 @@ def as_float(value) -> float:
         return math.nan if value.ndim else scene_number(value)
     if isinstance(value, DualFloat):
         return value
+    refuse_units(value)
     scalar = _scalar(value)
     try:
         return float(scalar) if _is_real(scalar) else math.nan
     except (OverflowError, ValueError):  # an integer too large for a float, a signalling decimal
         return math.nan
+
+
+def refuse_units(value) -> None:
+    """Refuse a quantity of pint, astropy or unyt, also in lists: its number depends on its unit."""
+    kinds: set[Any] = {type(value)}
+    for _ in range(2):  # rows of a list
+        if kinds.isdisjoint((list, tuple)):
+            break
+        value = [x for part in value for x in (part if type(part) in (list, tuple) else [part])]
+        kinds = {*map(type, value)}
+    for kind in kinds:
+        if number := _number_of(kind):
+            raise SceneError(
+                f"{shown(value)} has a unit, which would be lost. Give its number in consistent "
+                f"units, as those of SI: {number}"
+            )
+
+
+@functools.lru_cache(maxsize=256)
+def _number_of(kind: type) -> str:
+    """How the number of a quantity of a kind is read; empty for a kind without units."""
+    return next((text for name, text in _NUMBERS.items() if hasattr(kind, name)), "")
 
 
 def _scalar(value):
@@ -383,6 +412,7 @@ def real_array(value) -> np.ndarray:
             return np.array(value, dtype=float)
         except OverflowError:  # an integer too large for a float
             return np.empty((0, 0))
+    refuse_units(value)
     if (dual := dual_of(value)) is not None:
         return scene_number(dual if dual.ndim else dual.reshape(1))
     parts = value if isinstance(value, list | tuple) else [value]

@@ -18,6 +18,7 @@ from fx_beam.errors import (
     as_float,
     is_whole,
     real_array,
+    refuse_units,
     require,
     shown,
 )
@@ -464,6 +465,7 @@ def _sums(lengths: MaybeDual) -> np.ndarray:
 
 def listed_points(points, name: str) -> tuple[list, np.ndarray]:
     """Points of a beam as a list, and their positions (n, 2) [m]; SceneError for what is none."""
+    refuse_units(points)
     try:
         # Rows of tables count by labels, not from 0.
         listed = [point.to_numpy() if hasattr(point, "to_numpy") else point for point in points]

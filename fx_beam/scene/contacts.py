@@ -20,6 +20,7 @@ from fx_beam.errors import (
     is_whole,
     real,
     real_array,
+    refuse_units,
     require,
     shown,
     vector,
@@ -52,6 +53,7 @@ def _place(place: Place, name: str) -> Node | tuple[float, float]:
     """A node that carries a shape, or the point (x, y) of one that is fixed."""
     if isinstance(place, Node) and place is not GROUND:
         return place
+    refuse_units(place)
     if not isinstance(place, list | tuple | np.ndarray):
         expected = "(x, y), or a node that carries it: beam.end, body.centre, body[name]"
         words = "the ground" if place is GROUND else shown(place)
