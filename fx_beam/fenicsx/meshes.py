@@ -35,7 +35,7 @@ def beams_of(
     cell_tags : dolfinx.mesh.MeshTags, optional
         Tags of the cells, which choose their sections.
     **options
-        ``elements``, ``degree`` and ``joints`` of `Scene.add_mesh`.
+        ``elements``, ``degree``, ``joints`` and ``join`` of `Scene.add_mesh`.
 
     Returns
     -------

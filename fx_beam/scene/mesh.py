@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.dual import MaybeDual, dual_array, floats
-from fx_beam.errors import LARGEST, SceneError, real_array, shown
+from fx_beam.errors import LARGEST, SceneError, positive, real_array, shown
 
 from .beam import MOST_ELEMENTS, Beam, Node
 from .section import Section
@@ -17,10 +17,10 @@ from .section import Section
 class MeshBeams(list[Beam]):
     """Beams of a mesh, in the order of its cells."""
 
-    def __init__(self, nodes: list[Node]):
+    def __init__(self, nodes: list[Node], cells: list[int]):
         super().__init__()
-        #: Nodes at the points of the mesh, in their order.
-        self.nodes = nodes
+        #: Nodes at the points of the mesh, in their order; number of the cell of each beam.
+        self.nodes, self.cells = nodes, cells
 
     def __repr__(self):
         return f"<{len(self)} beams between {len(self.nodes)} points>"
@@ -41,15 +41,35 @@ class MeshLayout(NamedTuple):
     nodes: np.ndarray
     #: Arc length at these nodes, from the start of the cell [m].
     s: np.ndarray
+    #: Node at each point of the user, and the user's cell of which each cell is a part.
+    node_of_point: np.ndarray
+    source_cell: np.ndarray
 
 
-def mesh_layout(points, cells, elements, pinned: bool) -> MeshLayout:
+class _Joined(NamedTuple):
+    """Points (n, 2) and cells (m, 2) that are joined; by the user's points and cells.
+
+    `point` has the new point of each old one, `cell` the old cell of each new one.
+    """
+
+    places: MaybeDual
+    pairs: np.ndarray
+    point: np.ndarray
+    cell: np.ndarray
+
+
+def mesh_layout(points, cells, elements, pinned: bool, join: float | None) -> MeshLayout:
     """Nodes of a mesh; SceneError for points, cells or elements that do not fit."""
     places = _checked_points(points)
-    count = len(places)
-    pairs = _checked_cells(cells, count)
-    lengths = _checked_lengths(floats(places), pairs)
+    pairs = _checked_cells(cells, len(places))
     elements = _checked_elements(elements, len(pairs))
+    point, source = np.arange(len(places)), np.arange(len(pairs))
+    if join is not None:
+        tolerance = positive(join, "add_mesh: join")
+        places, pairs, point, source = _joined(places, pairs, tolerance)
+    count, lengths = len(places), _checked_lengths(floats(places), pairs)
+    share = lengths / np.bincount(source, lengths)[source]
+    elements = np.maximum(1, np.rint(share * elements[source])).astype(int)
     ends, pinned_ends = pairs.flatten(), np.empty(0, int)
     if pinned:  # of the cells at a point the first one has the node there
         pinned_ends = _repeated(ends)
@@ -66,7 +86,55 @@ def mesh_layout(points, cells, elements, pinned: bool) -> MeshLayout:
     inner_positions = a + fractions[is_inner, None] * (b - a)
     positions = np.concatenate([places, places[pinned_points], inner_positions])
     pins = np.column_stack([pinned_points, ends[pinned_ends]])
-    return MeshLayout(count, positions, pins, starts, nodes, lengths[cell] * fractions)
+    s = lengths[cell] * fractions
+    return MeshLayout(count, positions, pins, starts, nodes, s, point, source)
+
+
+def _joined(places: MaybeDual, pairs: np.ndarray, tolerance: float) -> _Joined:
+    """Points as near as a tolerance [m] become one; cells are divided at points as near to them.
+
+    The first of such points stays. Cells between points that become one go.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    X, count = floats(places), len(places)
+    near = cKDTree(X).query_pairs(tolerance, output_type="ndarray")
+    graph = coo_array((np.ones(len(near)), near.T), (count, count))
+    group = connected_components(graph, directed=False)[1]
+    first, point = np.unique(np.unique(group, return_index=True)[1][group], return_inverse=True)
+    for i in np.flatnonzero(np.hypot(*(X - X[first[point]]).T) > 2 * tolerance):
+        raise SceneError(
+            f"add_mesh: join = {tolerance:g} makes one point of {first[point[i]]} and {i}, with "
+            "others between them. Give less"
+        )
+    X, ends = X[first], point[pairs]
+    cell = np.flatnonzero(ends[:, 0] != ends[:, 1])
+    for i in np.setdiff1d(np.arange(len(first)), ends[cell]):
+        raise SceneError(f"add_mesh: all cells at point {first[i]} are shorter than join")
+    start, way = X[ends[cell, 0]], X[ends[cell, 1]] - X[ends[cell, 0]]
+    length = np.hypot(*way.T)
+    close = cKDTree(X).query_ball_point(start + way / 2, length / 2 + tolerance)
+    # Pairs of a cell and a point near it; both ends are among the points, at 0 and at the length.
+    row, near_point = np.repeat(np.arange(len(cell)), [*map(len, close)]), np.concatenate(close)
+    along, arm = way[row] / length[row, None], X[near_point] - start[row]
+    s, beside = (arm * along).sum(axis=1), abs(arm[:, 0] * along[:, 1] - arm[:, 1] * along[:, 0])
+    is_end = (near_point[:, None] == ends[cell[row]]).any(axis=1)
+    divides = is_end | ((s > 0) & (s < length[row]) & (beside <= tolerance))
+    order = np.flatnonzero(divides)[np.lexsort((s[divides], row[divides]))]
+    row, near_point = row[order], near_point[order]
+    piece = np.flatnonzero(row[1:] == row[:-1])
+    new, source = np.column_stack([near_point[piece], near_point[piece + 1]]), cell[row[piece]]
+    keys = np.sort(new, axis=1) @ (len(first), 1)
+    for k in _repeated(keys):
+        twins = sorted({*source[keys == keys[k]].tolist()})
+        (x, y), (x1, y1) = X[new[k]]
+        raise SceneError(
+            f"add_mesh: cells {twins} lie on one another between ({x:g}, {y:g}) and ({x1:g}, "
+            f"{y1:g}). Leave one out there"
+        )
+    return _Joined(places[first], new, point, source)
 
 
 def _repeated(values: np.ndarray) -> np.ndarray:

@@ -255,11 +255,12 @@ class Scene:
         degree: int = 1,
         joints: str = "rigid",
         tags: ArrayLike | None = None,
+        join: float | None = None,
     ) -> MeshBeams:
-        """Add straight beams between the points of a mesh: a lattice, a truss, a frame.
+        """Add straight beams between the points of a mesh: a lattice, a truss, a frame, a drawing.
 
         Cells that share a point are joined there. Points at the same position are not joined, nor
-        is a point inside another cell: a warning says so.
+        is a point inside another cell, which a warning says, unless `join` is given.
 
         Parameters
         ----------
@@ -279,19 +280,25 @@ class Scene:
             node, and each other one a node of its own, with a `Revolute` between them.
         tags : (m,) array_like, optional
             For each beam the key of its section.
+        join : float, optional
+            Tolerance of a drawing [m]: points that are at most so far apart become one, at the
+            place of the first, and a cell is divided at points that are so near to it. Its elements
+            are divided in proportion. Cells that cross without a point there stay apart.
 
         Returns
         -------
         list of Beam
             The beams in the order of the cells. Its attribute `nodes` is a list too: ``nodes[i]``
             is the node at point i, to be supported and loaded. With pins all beams have its
-            displacement, but only the first one has its rotation and moments.
+            displacement, but only the first one has its rotation and moments. ``cells[k]`` is the
+            cell of beam k, of which it may be a part.
 
         Raises
         ------
         SceneError
             For arrays that do not fit each other, points without cells, cells without length or
-            that are there twice, tags without a section, or what `add_beam` refuses.
+            that are there twice, also in part with `join`, tags without a section, or what
+            `add_beam` refuses.
 
         Examples
         --------
@@ -314,13 +321,14 @@ class Scene:
         degree = checked_degree(degree, self.beams, "add_mesh")
         from .mesh import MeshBeams, mesh_layout, sections_of
 
-        mesh = mesh_layout(points, cells, elements, joints == "pin")
-        sections = sections_of(section, tags, len(mesh.starts) - 1)
+        mesh = mesh_layout(points, cells, elements, joints == "pin", join)
+        section_of_cell = sections_of(section, tags, np.shape(cells)[0])
+        sections = [section_of_cell[k] for k in mesh.source_cell]
         parts = {id(part): part for part in sections}.values()
         for part in parts:
             self.parameters.add(functions_of_section(part), "add_mesh: section")
         nodes = self._nodes_at(mesh.positions.tolist(), "add_mesh")
-        beams = MeshBeams([*nodes[: mesh.points]])
+        beams = MeshBeams([nodes[i] for i in mesh.node_of_point], mesh.source_cell.tolist())
         numbers, ends = mesh.nodes.tolist(), mesh.starts.tolist()
         for first, end, part in zip(ends[:-1], ends[1:], sections, strict=True):
             name = self.beams.new_name(None)

@@ -5,6 +5,7 @@ import copy
 import numpy as np
 import pytest
 from pytest import approx
+from scenes import assert_refused
 
 import fx_beam as fb
 
@@ -120,3 +121,92 @@ def test_points_at_one_place_are_not_joined():
     beams = scene.add_mesh([(0, 0), (1, 0), (1, 0), (2, 0)], [(0, 1), (2, 3)], SECTION)
     assert beams.nodes[1] is beams[0].end
     assert beams.nodes[2] is beams[1].start is not beams[0].end
+
+
+# -- Drawings whose points are near each other, or near a line -------------------------------------
+
+# A girder of which the middle carries a post by an end near it, and a brace with ends of its own.
+DRAWN = np.array([(0, 0), (4, 0), (2, 1e-4), (2, 3), (-1e-4, 0), (2, 3.0001)])
+LINES = np.array([(0, 1), (3, 2), (4, 5)])
+
+
+def loaded(nodes, scene):
+    """Displacement of the top of the post, clamped at the left and pushed at the right."""
+    scene.clamp(nodes[0])
+    scene.add_force(nodes[1], (3.0, -5.0))
+    return fb.static(scene).displacement(nodes[3])[-1]
+
+
+def test_lines_that_end_on_others_are_joined_as_by_common_nodes(caplog):
+    scene = fb.Scene()
+    beams = scene.add_mesh(DRAWN, LINES, SECTION, elements=4, join=1e-3)
+    drawn = loaded(beams.nodes, scene)
+    assert beams.cells == [0, 0, 1, 2] and [b.elements for b in beams] == [2, 2, 4, 4]
+    assert beams.nodes[4] is beams.nodes[0] and beams.nodes[5] is beams.nodes[3]
+    scene = fb.Scene()
+    left = scene.add_beam([(0, 0), (2, 0)], SECTION, 2)
+    right = scene.add_beam([left.end, (4, 0)], SECTION, 2)
+    post = scene.add_beam([left.end, (2, 3)], SECTION, 4)
+    scene.add_beam([left.start, post.end], SECTION, 4)
+    exact = loaded([left.start, right.end, None, post.end], scene)
+    assert drawn == approx(exact, rel=1e-3)
+    assert "not joined" not in caplog.text
+
+
+@pytest.mark.parametrize("joints", ["rigid", "pin"])
+def test_a_mesh_without_such_points_is_the_same_with_join(joints):
+    options = {"elements": [1, 2, 1, 3, 1, 2], "joints": joints}
+    assert (shaken(POINTS, CELLS, join=0.1, **options) == shaken(POINTS, CELLS, **options)).all()
+
+
+def test_parts_of_a_cell_have_its_section_and_at_least_one_element():
+    thin, scene = fb.Section(EA=1e5, GA=1e5, EI=1.0), fb.Scene()
+    points = [(0, 0), (10, 0), (1, 0), (1, 1), (5, 0), (5, 1)]
+    cells, tags = [(0, 1), (2, 3), (4, 5)], ["a", "b", "b"]
+    sections = {"a": SECTION, "b": thin}
+    beams = scene.add_mesh(points, cells, sections, [5, 1, 1], tags=tags, join=1e-6)
+    assert [beam.section for beam in beams] == [SECTION, SECTION, SECTION, thin, thin]
+    assert [beam.elements for beam in beams] == [1, 2, 2, 1, 1]
+
+
+def test_lines_shorter_than_the_tolerance_are_points():
+    scene = fb.Scene()
+    beams = scene.add_mesh(
+        [(0, 0), (1, 0), (1, 1e-4), (1, 1)], [(0, 1), (1, 2), (2, 3)], SECTION, join=1e-3
+    )
+    assert beams.cells == [0, 2] and beams.nodes[1] is beams.nodes[2]
+
+
+def test_derivatives_go_through_points_that_are_joined():
+    def build(x):
+        scene = fb.Scene()
+        points = [(0, 0), (4, 0), (x[0], 0), (x[0], -1)]
+        nodes = scene.add_mesh(points, [(0, 1), (2, 3)], SECTION, elements=2, join=1e-6).nodes
+        scene.clamp(nodes[0])
+        scene.clamp(nodes[3])
+        scene.add_force(nodes[1], (0.0, -1e-3))
+        return scene, {"tip": fb.Output("displacement", nodes[1], "y")}
+
+    run = fb.StaticResponse(build)
+    tips = run([2.0])[1]["tip"]
+    (slope,) = run.vjp({"tip": np.eye(len(tips))[-1]})
+    places = np.array([2.0 - 1e-4, 2.0 + 1e-4])
+    low, high = (run([x])[1]["tip"][-1] for x in places)
+    assert slope == approx((high - low) / 2e-4, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("points", "cells", "words"),
+    [
+        (
+            [(0, 0), (1, 0), (0.5, 0), (2, 0)],
+            [(0, 1), (2, 3)],
+            r"cells \[0, 1\] lie on one another",
+        ),
+        ([(0, 0), (1, 0), (0, 1e-4), (1, 1e-4)], [(0, 1), (3, 2)], r"cells \[0, 1\] lie"),
+        ([(0, 0), (1, 0), (2, 0), (2, 1e-4)], [(0, 1), (2, 3)], "cells at point 2 are shorter"),
+        ([(i / 1e3, 0) for i in range(9)], [(i, i + 1) for i in range(8)], "one point of 0 and 3"),
+    ],
+)
+def test_a_drawing_that_cannot_be_joined_is_refused(points, cells, words):
+    assert_refused(words, fb.Scene().add_mesh, points, cells, SECTION, join=1e-3)

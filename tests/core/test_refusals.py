@@ -228,6 +228,7 @@ REFUSED = {
         (mesh(degree=2), "add_mesh: degree 2 differs from degree 1 of 'arm'"),
         (mesh(joints="hinge"), "add_mesh: joints = 'hinge' must be one of .*rigid.*pin"),
         (mesh(section=3), "add_mesh: section must be an fx_beam.Section, not 3"),
+        (mesh(join=0.0), "add_mesh: join = 0.0 must be a positive number"),
         (mesh(section={1: SECTION}), "give the tag of each cell"),
         (mesh(tags=[1, 1]), "give a dict of sections by tag"),
         (mesh(section={1: 3.0}, tags=[1, 1]), "section of the tag 1 must be an fx_beam.Section"),
