@@ -424,10 +424,9 @@ class Motion:
         """Dead forces (size,) by nodes [N]."""
         expected = "a dictionary of forces (fx, fy) by nodes"
         require(isinstance(forces, Mapping), "forces", forces, expected)
-        model, scene = self._prepared.model, self._arguments["scene"]
-        dead = np.zeros((len(model.mesh.X), 3))
+        dead = np.zeros((len(self._prepared.model.mesh.X), 3))
         for node, force in forces.items():
-            check_node(scene, node, "forces")
+            check_node(self.scene, node, "forces")
             dead[node.number, :2] += vector(force, 2, f"force on {node}")
         return dead.reshape(-1)
 
@@ -511,6 +510,12 @@ class Motion:
         slides = self._settled.arrays("slides").copy()
         slides[self._prepared.model.couplings.missing] = np.nan
         return slides
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the motion."""
+        scene: Scene = self._arguments["scene"]
+        return scene
 
     @property
     @one_motion

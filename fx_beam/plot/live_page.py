@@ -158,9 +158,9 @@ class _Run:
         self._limits = {name: self._limits_of(name, limits or {}) for name in self._targets}
         drawing = Drawing(motion.state, [0])
         self._window = drawing.window
-        self._nodes = [*drawing.scene_parts("nodes")]
+        self._nodes = motion.scene.nodes
         self._axes = Figure((8, 8)).add_axes((0, 0, 1, 1))
-        masses = [mass for _, mass, _ in drawing.scene_parts("masses")]
+        masses = [mass for _, mass, _ in motion.scene.masses]
         for beam in drawing.solution.beams.values():
             masses.append(beam.length * float(beam.section.values("rhoA", np.array([0.5]))[0]))
         #: All mass [kg], and the stiffness by which it swings once in a second of the clock [N/m].

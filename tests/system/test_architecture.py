@@ -134,10 +134,11 @@ def test_each_library_is_called_from_one_place(packages):
 
 
 def test_physics_and_data_need_numpy_and_ufl_only():
-    # scipy: splines, the root of an arc length, nearest nodes; tables are made on request
+    # scipy: splines, the root of an arc length, nearest nodes, points of drawings; tables are made on request
     more = {
         "scene.curve": {"scipy"},
         "scene.contacts": {"scipy"},
+        "scene.mesh": {"scipy"},
         "results.export": {"pandas", "xarray"},
     }
     for module in SOURCES:
