@@ -192,6 +192,20 @@ def extras(tmp_path):
     return [call.partition("[")[2].rstrip("]") for call in calls if "install" in call]
 
 
+@pytest.mark.parametrize(
+    ("command", "last"),
+    [
+        ("test", "run: passed: the core: a scene for each law"),
+        ("test --all", "run: passed: all: the core, the claims"),
+        ("test -k pendulum", "run: passed: the tests named"),
+        ("demos one", "run: next: your own mechanism"),
+    ],
+)
+def test_the_last_line_says_what_was_tested_or_what_is_next(set_up, capfd, command, last):
+    assert set_up(*command.split()).wait() == 0
+    assert capfd.readouterr().err.splitlines()[-1].startswith(last)
+
+
 def test_an_environment_that_is_the_users_own_is_left_as_it_is(set_up, tmp_path, capfd):
     (tmp_path / ".venv").mkdir()
     (tmp_path / ".venv" / "own").touch()
