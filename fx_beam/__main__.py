@@ -80,9 +80,12 @@ def _compiler() -> str:
 
 
 def _folder(path: Path) -> str:
-    files = [file for file in path.glob("*") if file.is_file()]
-    size = sum(file.stat().st_size for file in files)
-    return f"{path}, {len(files)} files, {size / 1e6:.0f} MB of {library_cache.LARGEST / 1e6:.0f}"
+    sizes = []
+    for file in path.glob("*"):
+        with suppress(FileNotFoundError):  # the lock of another process may go meanwhile
+            sizes += [file.stat().st_size] if file.is_file() else []
+    largest = library_cache.LARGEST / 1e6
+    return f"{path}, {len(sizes)} files, {sum(sizes) / 1e6:.0f} MB of {largest:.0f}"
 
 
 def main() -> None:
