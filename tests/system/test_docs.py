@@ -68,6 +68,8 @@ def test_each_piece_of_code_runs_alone(page, number, tmp_path, monkeypatch, caps
     if isinstance(names.get("motion"), fb.Solution):
         assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".gif", ".csv", ".npz"}
         assert (fb.load("motion.npz").q == names["motion"].q).all()
+    if "upright" in names:
+        assert abs(names["motion"].outputs["spin"]) < 1e-3  # it rests, and does not ring
     if "second" in names:
         assert abs(names["second"].q[-1] - names["whole"].q[-1]).max() < 1e-9
     if "study" in names:
