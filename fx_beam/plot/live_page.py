@@ -6,6 +6,7 @@ import json
 import logging
 import math
 import secrets
+import sys
 import webbrowser
 from collections.abc import Iterator, Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -22,7 +23,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from fx_beam.errors import (
-    SceneError,
     StepError,
     finite,
     is_whole,
@@ -62,7 +62,7 @@ class LiveView:
         path = f"/{secrets.token_urlsafe(16)}/"
         parts = {"run": run, "page": page, "path_of_page": path, "ended": self._ended}
         handler = type("Handler", (_Handler,), parts)
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        self._server = _Server(("127.0.0.1", 0), handler)
         self._server.timeout = 0.1
         self.url = f"http://127.0.0.1:{self._server.server_port}{path}"
         self._thread = Thread(target=self._serve, daemon=True, name="fx_beam live view")
@@ -158,9 +158,12 @@ class _Run:
         self._limits = {name: self._limits_of(name, limits or {}) for name in self._targets}
         drawing = Drawing(motion.state, [0])
         self._window = drawing.window
-        self._nodes = motion.scene.nodes
+        scene = motion.scene
+        #: Nodes that the mouse may pull.
+        self._nodes = [node for node in scene.nodes if node.number not in scene.gone]
+        self._numbers = [node.number for node in self._nodes]
         self._axes = Figure((8, 8)).add_axes((0, 0, 1, 1))
-        masses = [mass for _, mass, _ in motion.scene.masses]
+        masses = [mass for _, mass, _ in scene.masses]
         for beam in drawing.solution.beams.values():
             masses.append(beam.length * float(beam.section.values("rhoA", np.array([0.5]))[0]))
         #: All mass [kg], and the stiffness by which it swings once in a second of the clock [N/m].
@@ -226,9 +229,9 @@ class _Run:
             motion.step({name: x for name, (x, _) in self._inputs.items()}, forces)
             self._due -= motion.dt
 
-    def _forces(self, number: int, to: np.ndarray, times: float) -> dict[Any, np.ndarray]:
+    def _forces(self, i: int, to: np.ndarray, times: float) -> dict[Any, np.ndarray]:
         """The pull of the mouse on a node, some times as stiff as usual, with a little damping."""
-        motion, node = self._motion, self._nodes[number]
+        motion, node, number = self._motion, self._nodes[i], self._numbers[i]
         stiffness = times * self._stiffness
         damping = 0.2 * math.sqrt(stiffness * self._mass)
         stretch = to - (node.x, node.y) - motion.q[number, :2]
@@ -253,7 +256,7 @@ class _Run:
             "t": state.t[0],
             "lines": [_line(line) for line in sorted(axes.lines, key=Artist.get_zorder)],
             "areas": [area for areas in axes.collections for area in _areas(areas)],
-            "nodes": drawing.positions(np.arange(len(self._nodes)), 0),
+            "nodes": drawing.positions(self._numbers, 0),
             "targets": self._targets,
             "energies": {name: x for name, x in energies.items() if x or name == "total"},
             "outputs": {**outputs, "pull of the mouse": [self._pull]},
@@ -296,6 +299,15 @@ def _text(data: dict[str, Any]) -> str:
     return json.dumps(data, allow_nan=False, default=of_numpy).replace("<", "\\u003c")
 
 
+class _Server(ThreadingHTTPServer):
+    """Says nothing of a page that was closed."""
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Report an error, but not of a connection."""
+        if not isinstance(sys.exc_info()[1], ConnectionError):
+            super().handle_error(request, client_address)
+
+
 class _Handler(BaseHTTPRequestHandler):
     """Answers the page and its requests at the address with the token, and nothing else."""
 
@@ -318,8 +330,8 @@ class _Handler(BaseHTTPRequestHandler):
             size = min(int(self.headers["Content-Length"]), _LONGEST_TEXT)
             request = json.loads(self.rfile.read(size))
             answer = _text({} if request["end"] else self.run.answer(request))
-        except (SceneError, ValueError, KeyError, TypeError, AttributeError) as error:
-            return self._send(400, "text/plain; charset=utf-8", f"no request of the page: {error}")
+        except (ValueError, KeyError, TypeError, AttributeError, RuntimeError) as error:
+            return self._send(400, "text/plain; charset=utf-8", f"not possible: {error}")
         self._send(200, "application/json", answer)
         if request["end"]:
             self.ended.set()

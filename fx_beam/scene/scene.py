@@ -323,12 +323,13 @@ class Scene:
 
         mesh = mesh_layout(points, cells, elements, joints == "pin", join)
         section_of_cell = sections_of(section, tags, np.shape(cells)[0])
-        sections = [section_of_cell[k] for k in mesh.source_cell]
+        sources = mesh.source_cell.tolist()
+        sections = [section_of_cell[k] for k in sources]
         parts = {id(part): part for part in sections}.values()
         for part in parts:
             self.parameters.add(functions_of_section(part), "add_mesh: section")
         nodes = self._nodes_at(mesh.positions.tolist(), "add_mesh")
-        beams = MeshBeams([nodes[i] for i in mesh.node_of_point], mesh.source_cell.tolist())
+        beams = MeshBeams([nodes[i] for i in mesh.node_of_point.tolist()], sources)
         numbers, ends = mesh.nodes.tolist(), mesh.starts.tolist()
         for first, end, part in zip(ends[:-1], ends[1:], sections, strict=True):
             name = self.beams.new_name(None)

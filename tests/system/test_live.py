@@ -132,6 +132,28 @@ def test_a_step_that_fails_is_told_and_the_motion_can_go_back():
         assert ask(view, reset=True)["error"] == ""
 
 
+def test_only_nodes_that_are_there_are_pulled_and_inputs_may_have_two_numbers():
+    scene = fb.Scene()
+    gone = scene.add_beam([(0, 0), (1, 0)], STRIP, elements=1)
+    bar = scene.add_beam([(0, 1), (1, 1)], STRIP, elements=2)
+    scene.remove(gone)
+    scene.add_force(bar.end, fb.Input("push"))
+    motion = fb.Motion(scene, dt=0.01)
+    with shown(motion) as view:
+        picture = ask(view)
+        assert [place[1] for place in picture["nodes"]] == [1.0, 1.0, 1.0]
+        pull = {"node": 2, "to": [1.0, 3.0], "times": 1.0}
+        moved = run_to(view, 0.5, pull=pull, inputs={"push": [0.0, 0.1]})
+        assert moved["nodes"][2][1] > 1.0 and len(moved["targets"]["push"]) == 2
+
+
+def test_a_motion_that_is_used_elsewhere_is_told():
+    motion = arm()
+    with shown(motion) as view, motion._alone:
+        status, text = send(view, json.dumps(REQUEST))
+        assert status == 400 and "another thread" in text
+
+
 # -- What it does not answer -----------------------------------------------------------------------
 
 
