@@ -140,9 +140,11 @@ class Couplings:
     auxiliary unknowns.
     """
 
-    #: Number of free columns, of driven ones, and of all but the auxiliary unknowns.
+    #: Number of free columns, of driven ones, of the last free ones that are driven in motions, and
+    #: of all but the auxiliary unknowns.
     free: int
     driven: int
+    released: int
     columns: int
     #: Column (size,) that each degree of freedom equals; -1 for a sum, with its entries in `sums`.
     column: np.ndarray
@@ -222,10 +224,13 @@ def joints_with_arms(couplings: Couplings, scene: Scene) -> list[Joint]:
     return [joints[joint.number] for joint in couplings.arm_joints]
 
 
-def couple(scene: Scene, mesh: Mesh) -> Couplings:
-    """Couplings of a scene; SceneError for joints that over-constrain, with their names."""
+def couple(scene: Scene, mesh: Mesh, released: bool = False) -> Couplings:
+    """Couplings of a scene; SceneError for joints that over-constrain, with their names.
+
+    If they are `released`, driven columns are free.
+    """
     forests, closing = grown_forests(scene)
-    columns = _Columns(scene, mesh, forests)
+    columns = _Columns(scene, mesh, forests, released)
     arm_joints = [b.joint for b in forests[0] if not b.joint.is_selection]
     arm_joints += [joint for joint in closing[0] if not joint.is_selection]
     # Auxiliaries depend on no columns of nodes that slide.
@@ -252,6 +257,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     couplings = Couplings(
         free=columns.free,
         driven=columns.driven,
+        released=columns.released,
         columns=columns.count,
         column=column,
         sums=summed,
@@ -456,7 +462,7 @@ def _connected(forests: list[list[Branch]], nodes: set[int]) -> set[int]:
 class _Columns:
     """Numbers of the columns: free, driven, fixed."""
 
-    def __init__(self, scene: Scene, mesh: Mesh, forests: list[list[Branch]]):
+    def __init__(self, scene: Scene, mesh: Mesh, forests: list[list[Branch]], released: bool):
         follow = {(branch.node, i) for i, forest in enumerate(forests) for branch in forest}
         supported = [*scene.prescribed, *sorted(scene.fixed)]
         sliding = sliding_joints(scene.joints)
@@ -484,7 +490,9 @@ class _Columns:
                 self.root[key] = self.number[key]
         for sliding_key in carried:
             self.root[sliding_key[1:]] = self.number[sliding_key]
-        self.free, self.driven, self.count = alone + len(free), len(driven), alone + len(keys)
+        self.released = len(driven) if released else 0
+        self.driven = len(driven) - self.released
+        self.free, self.count = alone + len(free) + self.released, alone + len(keys)
         #: Columns of the nodes that slide, by the number of the joint.
         self.carried = {j.number: [self.number[key] for key in j.carried] for j in sliding}
         self.slides = {n: self.number["motor" if n in moved else "slide", n] for n in slides}

@@ -65,6 +65,7 @@ class Loops:
             guides = [s.guide.path.length for s in sliders.all if s.column in columns]
             lengths = columns[~turns[columns]]
             self._pivot_unit[lengths] = min([size, *guides])
+        self._pivot_unit[couplings.free - couplings.released :] = 0.0  # these follow none
         moved = scipy.sparse.csgraph.maximum_bipartite_matching(
             self._dependence[:, : couplings.free], perm_type="column"
         )

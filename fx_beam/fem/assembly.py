@@ -151,12 +151,9 @@ class Term:
         """Value of a functional in one step."""
         return float(sum(tensors.sum() for _, tensors in self.tensors(step, 1)))
 
-    def add_to(self, out: np.ndarray, step: StepBatch, places: np.ndarray | None = None) -> None:
-        """Add the vector of a linear form in one step to `out` (size,).
-
-        Or that of a bilinear form, whose tensors belong to `places` (cells, width ** 2).
-        """
-        places = self.spaces[0].dofs if places is None else places
+    def add_to(self, out: np.ndarray, step: StepBatch) -> None:
+        """Add the vector of a linear form in one step to `out` (size,)."""
+        places = self.spaces[0].dofs
         for cells, tensors in self.tensors(step, self.size):
             out += np.bincount(places[cells].ravel(), tensors.ravel(), len(out))
 

@@ -180,11 +180,6 @@ class BeamForms:
         for name in self.forces:
             self.bound[name].add_to(out, self.data.read(step))
 
-    def add_tangent(self, step: StepBatch, values: np.ndarray, entries: np.ndarray) -> None:
-        """Add their tangent (eq. 54), derived by UFL, to some `entries` of stored values."""
-        for name in ("tangent", "tangent of drag")[: len(self.forces)]:
-            self.bound[name].add_to(values, self.data.read(step), entries)
-
     def add_external(self, step: StepBatch, out: np.ndarray) -> None:
         """Add the forces of virtual works of a user to `out` (size,)."""
         if self.has_external:

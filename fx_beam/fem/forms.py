@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.content_cache import cached_property, shallow_copy
 from fx_beam.errors import SceneError
@@ -170,15 +169,6 @@ class StepForces:
         if self._forms.beams is not None:
             self._forms.beams.add_force(self._step, force)
         return force
-
-    def tangent(self) -> scipy.sparse.csr_matrix:
-        """Derivatives of the last internal forces, with contact of members in its sparsity."""
-        forms = self._forms
-        K, members = forms.stiffness.astype(float), forms.points.members
-        if forms.beams is not None:
-            forms.beams.add_tangent(self._step, K.data, forms.cell_entries)
-        forms.compiled_points.add_tangent(K.data)
-        return K if members is None else K + members.tangent()
 
     def added(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers [N, N m]."""

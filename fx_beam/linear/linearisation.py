@@ -219,7 +219,7 @@ def check_finite(stiffness: np.ndarray, forces: np.ndarray, caller: str) -> None
 
 def check_unknowns(model: Model, caller: str) -> None:
     """Refuse a scene in which nothing can move."""
-    if not len(model.reduction.independent):
+    if len(model.reduction.independent) == model.couplings.released:
         raise SceneError(
             f"{caller}: the scene has no unknowns: supports, joints and motors fix all degrees of "
             "freedom. Release one of them"

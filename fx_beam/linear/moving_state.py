@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -21,11 +23,12 @@ from fx_beam.scene.inputs import InputSignal
 from fx_beam.scene.loads import damping_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import acceleration_of
+from fx_beam.step.equations import Balance, Equations
 from fx_beam.step.fitted_rates import rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.model import Model
-from fx_beam.step.state_values import slide_rates, start_of
+from fx_beam.step.state_values import added_force
 from fx_beam.step.turning_frame import TurningFrame
 
 from .linearisation import (
@@ -45,16 +48,15 @@ _RIGID = 1e-2
 # Weight of rates without mass, relative to the largest.
 _LITTLE = 1e-10
 # Change of an input, relative to it, or of strains by it. Increment, in units of the scene, in the
-# steps that give the stiffness of a moving state: the square of a larger one is an error, in a
-# smaller one damping over the length hides the stiffness. The least rate that limits this length
-# [1/s].
-_SMALL, _SHORT, _REST = 1e-5, 1e-6, 1e-12
+# steps that give the stiffness of a moving state: in a smaller one damping over the length hides
+# the stiffness. The least rate that limits this length [1/s].
+_SMALL, _SHORT, _REST = 1e-5, 3e-5, 3e-11
 # Rounding errors of damping, relative to the tangents of which it is a difference.
 _NO_DAMPING = 1e-13
 # Increment between the points of differences of order six, in units of the scene, or of the
 # shortest element if nodes slide; the least one, near ends of elements on which nodes slide.
 # Weights of these differences.
-_APART, _LEAST_APART = 0.02, 1e-4
+_APART, _LEAST_APART = 0.01, 1e-4
 _FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
 # Half of the time over which a natural strain is seen to change, relative to the last step of the
 # motion, and at least relative to the time; at the time zero before the first step [s]. The largest
@@ -65,6 +67,7 @@ _MOMENT, _OF_TIME, _AT_ZERO, _KINK, _ROUNDING = 1e-3, 1e-9, 1e-6, 1e-3, 1e-13
 _BENT = 1e-8
 # Forces without balance in the reference, relative to the largest, that are no round-off.
 _UNBALANCED = 1e-9
+_NONE = np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +116,7 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
                 inputs.scene.loads[i] = replace(load, value=constant(0 * load.value(0.0)))
     elif solution.stats.static:
         factor = float(solution.t[-1])
-    model, frame = model_for(inputs.scene, EnergyMomentum(), instant=True), None
+    model, frame = model_for(inputs.scene, EnergyMomentum(), instant=True, released=True), None
     check_unknowns(model, caller)
     forcing = Forcing(model)
     if solution is None:
@@ -121,7 +124,7 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     else:
         state = state_of(model, solution)
         inputs.resume(forcing, state)
-        state = _with_fitted_rates(model, forcing, state, solution)
+        state = _with_fitted_rates(model, state, solution)
         frame = turning_frame_of(model, solution, caller)
     if frame is not None:
         state = replace(state, v=0 * state.v, a=0 * state.a)
@@ -129,48 +132,47 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     if singularity := model.reduction.singularity:
         raise SceneError(f"{caller}: {singularity}. Take a state beside it")
     T, S = coupling.parts(coupling.X)
-    w = np.zeros(coupling.count)
-    if state.v.any():
-        w = _rates_from(model, T.toarray()) @ state.v
+    unknowns = coupling.columns[: coupling.count - model.couplings.released]
+    w = _rates_of(model, forcing, state, T)
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
     _warn_of_turn(model, state, T, dT, caller)
     strained = None
     if solution is not None and not solution.stats.static:
         strained = _natural_rates(model, state, caller)
-    model.forms.set_load(factor)
-    f, K, C, pushes, stiff, viscous, added = _forces(model, state, strained)
-    model.forms.set_load(1.0)
-    check_finite(K.data, f, caller)
-    if not factor:  # loads that depend on rates damp, as in `modes`
-        _, _, C, _, _, viscous, _ = _forces(model, state)
-    mass = model.masses.matrix
+    steps = _Steps(model, state, S @ w, strained)
+    steps.equations.set_load(factor)
+    mass, residual = model.masses.matrix, steps.residual()
+    added = added_force(model, state, factor, state.t)
     dead = dead_loads(model, state, factor, frame, added)
-    if solution is None and _are_unbalanced(model, T.T @ f + S.T @ pushes, f):
+    if solution is None and steps.are_unbalanced(residual):
         settled = settled_reference(scene, caller)
         if settled is not None:
             return deviations(scene, settled, caller)
     if frame is not None:
         dead += factor * frame.force(state.q)
-        K = K - factor * frame.spin**2 * frame.mass
-        C = C + np.sqrt(factor) * frame.gyroscopic
-    r = f - dead + mass @ (dT @ w)
-    a = _accelerations(model, forcing, state, T, r, S.T @ pushes, dT @ w)
-    r += mass @ (T @ a)
+    dead -= mass @ (dT @ w)
+    a = _accelerations(model, forcing, state, T, residual - T.T @ dead, dT @ w)
     turning, _ = coupling.parts(coupling.derivatives(a)[0])
-    geometric = coupling.force_slopes(np.concatenate([r, pushes]))
-    stiff, viscous = scipy.sparse.diags(stiff), scipy.sparse.diags(viscous)
-    K = T.T @ (K @ T + C @ dT + mass @ (turning + ddT)) + S.T @ (stiff @ S + viscous @ dS)
-    C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S)
+    K, C = steps.slopes(dead - mass @ (T @ a))
+    steps.equations.set_load(1.0)
+    check_finite(K.data, residual, caller)
+    if not factor:  # loads that depend on rates damp, as in `modes`
+        _, C = steps.slopes(dead)
+    K = K + T.T @ (mass @ (turning + ddT))
+    C = C + 2 * T.T @ (mass @ dT)
+    if frame is not None:
+        K = K - factor * frame.spin**2 * (T.T @ frame.mass @ T)
+        C = C + np.sqrt(factor) * T.T @ frame.gyroscopic @ T
     return Deviations(
         model=model,
         held=inputs,
         forcing=forcing,
         state=state,
         rates=w,
-        unknowns=model.reduction.independent,
+        unknowns=unknowns,
         M=(T.T @ (mass @ T)).tocsr(),
         C=C.tocsr(),
-        K=(K + geometric).tocsr(),
+        K=K.tocsr(),
         T=T,
         dT=dT,
         S=S,
@@ -178,14 +180,6 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
         frame=frame,
         factor=factor,
     )
-
-
-def _are_unbalanced(model: Model, forces: np.ndarray, nodal_forces: np.ndarray) -> bool:
-    """Whether forces (columns,) on unknowns are more than round-off of those at nodes (size,)."""
-    free = model.reduction.independent
-    largest = abs(nodal_forces * model.units.nodes).max(initial=0.0)
-    left = abs(forces[: len(free)] * model.units.unknowns[free])
-    return bool(left.max(initial=0.0) > _UNBALANCED * largest)
 
 
 def _warn_of_turn(
@@ -216,17 +210,14 @@ def _warn_of_turn(
         )
 
 
-def _with_fitted_rates(model: Model, forcing: Forcing, state: State, solution: Solution) -> State:
-    """The state with rates that fit joints and driven motions: of the last row, if recorded."""
+def _with_fitted_rates(model: Model, state: State, solution: Solution) -> State:
+    """The state with rates that fit the joints: those of the last row, if they were recorded."""
     if solution.has_rates and solution.t[-1] == state.t:
         state = replace(state, v=solution.v[-1].flatten())
     if not model.fits_rates:
         return state
-    driven = np.full((1, model.reduction.driven), np.nan)
-    if state.length and not solution.stats.static:
-        known = forcing.end_rates(np.array([state.t]), np.array([state.length]))
-        driven = np.where(forcing.straight, driven, floats(known))
-    fit = rate_fit(model).fit(state.q[None], state.v[None], state.slides[None], driven)
+    none = np.empty((1, 0))
+    fit = rate_fit(model).fit(state.q[None], state.v[None], state.slides[None], none)
     return replace(state, v=fit.rates[0])
 
 
@@ -240,6 +231,21 @@ def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(root[:, None] * T) * root
 
 
+def _rates_of(
+    model: Model, forcing: Forcing, state: State, T: scipy.sparse.csr_matrix
+) -> np.ndarray:
+    """Rates z' (columns,): of driven motions as the step ended, of unknowns by the nodes."""
+    if not state.v.any():
+        return np.zeros(T.shape[1])
+    T, free = T.toarray(), T.shape[1] - model.couplings.released
+    w = _rates_from(model, T) @ state.v
+    if model.couplings.released and state.length:
+        known = floats(forcing.end_rates(np.array([state.t]), np.array([state.length])))[0]
+        w[free:] = np.where(forcing.straight, w[free:], known)
+        w[:free] = _rates_from(model, T[:, :free]) @ (state.v - T[:, free:] @ w[free:])
+    return w
+
+
 class _Coupling:
     """X(z) = (T; S), T (size, columns) of the nodes, S of the model's columns; its derivatives.
 
@@ -247,11 +253,10 @@ class _Coupling:
     """
 
     def __init__(self, model: Model, state: State):
-        self._model, self._reduction, self._slides = model, model.reduction, state.slides
-        free, driven = model.reduction.free, model.reduction.driven
+        self._model, self._reduction, self._state = model, model.reduction, state
         model.reduction.begin(state.q, state.slides)
         #: Numbers (count,) of the columns z.
-        self.columns = np.append(model.reduction.independent, free + np.arange(driven))
+        self.columns = model.reduction.independent
         self.count = len(self.columns)
         self.X = self._at(np.zeros(self.count))
 
@@ -262,9 +267,9 @@ class _Coupling:
         return X[: self._model.size], X[self._model.size :]
 
     def _at(self, z: np.ndarray) -> scipy.sparse.csr_matrix:
-        free, moved = self._reduction.free, np.zeros(self._reduction.columns)
+        moved = np.zeros(self._reduction.free)
         moved[self.columns] = z
-        self._reduction.increment(moved[:free], moved[free : free + self._reduction.driven])
+        self._reduction.increment(moved, _NONE)
         parts = self._reduction.maps.coupling(), self._reduction.maps.dependence_matrix()
         return scipy.sparse.vstack(parts, "csr")[:, self.columns]
 
@@ -279,26 +284,15 @@ class _Coupling:
             # Nodes of an element move against each other, which bends and turns it.
             h *= min(self._model.mesh.shortest) / self._model.mesh.size
         # All points are in one element of a beam on which a node slides.
-        reach = self._reduction.reach(self._slides, self.parts(self.X)[1] @ z)
+        self._reduction.begin(self._state.q, self._state.slides)
+        reach = self._reduction.reach(self._state.slides, self.parts(self.X)[1] @ z)
         h = min(h, max(reach / 4, _LEAST_APART / size))
         for k, (odd, even) in enumerate(zip(_FIRST, _SECOND, strict=True), start=1):
             # Constant entries have differences of zero, without rounding errors.
             ahead, back = self._at(k * h * z), self._at(-k * h * z)
             first = first + odd / h * (ahead - back)
             second = second + even / h**2 * ((ahead - self.X) + (back - self.X))
-        self._at(np.zeros(self.count))
         return first, second
-
-    def force_slopes(self, r: np.ndarray) -> scipy.sparse.lil_matrix:
-        """Derivative of X^T r, for constant forces r of nodes and columns."""
-        out = scipy.sparse.lil_matrix((self.count, self.count))
-        # The second derivatives are symmetric: X depends on the columns that change with it.
-        changing, _ = self.derivatives(np.cos(np.arange(self.count) ** 2))
-        for j in np.unique(changing.nonzero()[1]):
-            z = np.zeros(self.count)
-            z[j] = 1.0
-            out[:, j] = self.derivatives(z)[0].T @ r
-        return out
 
 
 def _natural_rates(model: Model, state: State, caller: str) -> np.ndarray | None:
@@ -323,57 +317,96 @@ def _natural_rates(model: Model, state: State, caller: str) -> np.ndarray | None
     return differences[0] / (2 * h)
 
 
-def _forces(model: Model, state: State, strained: np.ndarray | None = None):
-    """Internal forces f (size,), K and C; forces (columns,) on slides, their stiffness and damping.
+class _Steps:
+    """Steps through a state, half of each before it and half behind, and their forces.
 
-    Natural strains may be `strained` at rates (cells, degree, 3).
+    Of rates (all,) of all columns; natural strains may be `strained` at rates (cells, degree, 3).
     """
-    forms, points = model.forms, model.points
-    slid_rates = slide_rates(model, state)
-    count, added = model.reduction.columns, np.zeros(0)
 
-    def step(dt: float, moving: bool = True):
-        """Forces and tangents of a step dt about the state, half of it before."""
-        D, slid = moving * dt * state.v, moving * dt * slid_rates
-        start = replace(state, q=state.q - D / 2, slides=state.slides - slid / 2)
-        inputs = start_of(model, start, dt)
-        if strained is not None and state.natural is not None:
-            first = state.natural - dt / 2 * strained
-            inputs = inputs.with_natural(first, first + dt * strained)
-        nonlocal added
-        forces = forms.begin(instant(state.t, dt), inputs)
-        f, added = forces.internal(D), forces.added()
-        z = np.zeros(count)
-        z[points.columns] = slid[points.slides]
-        forms.compiled_points.evaluate_slides(z)
-        slide_forces = np.zeros((2, count))
-        for k in (0, 1):
-            np.add.at(slide_forces[k], points.columns, forms.compiled_points.on_slides(k))
-        return f, forces.tangent(), *slide_forces
+    def __init__(
+        self,
+        model: Model,
+        state: State,
+        rates: np.ndarray,
+        strained: np.ndarray | None = None,
+    ):
+        self._model, self._state, self._strained = model, state, strained
+        self._rates = rates[: model.reduction.free]
+        speed = 0.0 if strained is None else abs(strained).max()
+        if model.forms.depend_on_rates:
+            speed = max(speed, abs(state.v / model.units.nodes).max())
+        else:
+            self._rates = 0 * self._rates
+        #: Lengths of steps that tell damping, and stiffness [s]. In an instant strains of round-off
+        #: would have large rates, and damping hides the stiffness.
+        self.instant, self.short = INSTANT / max(speed, 1.0), _SHORT / max(speed, _REST)
+        self.equations = Equations(model, natural=lambda end: self._strains, inert=False)
 
-    if not forms.depend_on_rates:
-        f, half, pushes, half_slides = step(INSTANT, moving=False)
-        return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides, added
-    size = max(
-        abs(state.v / model.units.nodes).max(), 0 if strained is None else abs(strained).max()
-    )
-    # Without what grows with the motion in a step, and without rounding errors of the stiffness:
-    # they would damp what has no mass.
-    dt = INSTANT / max(size, 1.0)
-    parts = [step(multiple * dt)[1::2] for multiple in (1, 2, 4)]
-    C, viscous = (4 / 3 * dt * (2 * a - 3 * b + c) for a, b, c in zip(*parts, strict=True))
-    C, terms = C.tocoo(), np.sqrt(abs(dt * parts[0][0].diagonal()))
-    C.data[abs(C.data) <= _NO_DAMPING * terms[C.row] * terms[C.col]] = 0.0
-    # In an instant strains of round-off would have large rates, and damping hides the stiffness.
-    h = _SHORT / max(size, _REST)
-    f, ahead, pushes, slides_ahead = step(h)
-    if model.kinks.flows:
-        K, stiff = 2 * (ahead - C / h), 2 * (slides_ahead - viscous / h)
-    else:  # damping over the length has the opposite sign in a step back
-        _, back, _, slides_back = step(-h)
-        K, stiff = ahead + back, slides_ahead + slides_back
-    check_damping(np.append(K.data, C.data), "linearise: the damping in this state")
-    return f, K, C, pushes, stiff, viscous, added
+    def balance(self, h: float, force: np.ndarray) -> Balance:
+        """Forces of a step of the length h [s], which may go back, under dead loads `force`."""
+        model, state, half = self._model, self._state, h / 2 * self._rates
+        model.reduction.begin(state.q, state.slides)
+        q = state.q + model.reduction.increment(-half, _NONE)
+        slides = state.slides - model.couplings.free_slides(half, len(state.slides))
+        start = replace(state, q=q, slides=slides, parameters=None)  # those of the inputs
+        self._strains = state.natural
+        if state.natural is not None and self._strained is not None:
+            change = h / 2 * self._strained
+            start.natural, self._strains = state.natural - change, state.natural + change
+        self.equations.begin(instant(state.t, h), start)
+        self._last = self.equations.at(2 * half, _NONE, force)
+        return self._last
+
+    def _limit(self, value_of: Callable[[float], Any]) -> Any:
+        """A value for steps of no length, from two lengths; where nothing flows also of steps back.
+
+        Of these the mean has an error that grows with the square of the length.
+        """
+        h = self.short
+        if not self._rates.any() and self._strained is None:
+            return value_of(h)
+        if self._model.kinks.flows:
+            return 2 * value_of(h) - value_of(2 * h)
+        near, far = (value_of(length) + value_of(-length) for length in (h, 2 * h))
+        return (4 * near - far) / 6
+
+    def residual(self) -> np.ndarray:
+        """All forces (columns,), without dead loads and inertia."""
+        columns, none = self._model.reduction.independent, np.zeros(self._model.size)
+        return self._limit(lambda h: self.balance(h, none).residual[columns])
+
+    def are_unbalanced(self, residual: np.ndarray) -> bool:
+        """Whether forces on unknowns are more than round-off of the last ones at nodes."""
+        units, driven = self._model.units, self._model.couplings.released
+        columns = self._model.reduction.independent[: len(residual) - driven]
+        largest = abs(self._last.f * units.nodes).max(initial=0.0)
+        left = abs(residual[: len(columns)] * units.unknowns[columns])
+        return bool(left.max(initial=0.0) > _UNBALANCED * largest)
+
+    def _tangent(self, h: float, force: np.ndarray) -> scipy.sparse.csr_matrix:
+        """Derivative (columns, columns) by the end of a step: K / 2 + C / h."""
+        self.balance(h, force)
+        return self.equations.tangent()
+
+    def slopes(self, force: np.ndarray) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+        """Derivatives (columns, columns) of all forces by z and z', by exact tangents of steps.
+
+        The derivatives by the ends of a step and of one back are half of that by z.
+        """
+        dt = self.instant
+        if not self._model.forms.depend_on_rates:
+            half = self._tangent(dt, force)
+            return 2 * half, 0 * half
+        # Without what grows with the motion in a step, and without rounding errors of the
+        # stiffness: they would damp what has no mass.
+        a, b, c = (self._tangent(multiple * dt, force) for multiple in (1, 2, 4))
+        C, terms = (4 / 3 * dt * (2 * a - 3 * b + c)).tocoo(), np.sqrt(abs(dt * a.diagonal()))
+        C.data[abs(C.data) <= _NO_DAMPING * terms[C.row] * terms[C.col]] = 0.0
+        C = C.tocsr()
+
+        K = 2 * self._limit(lambda h: self._tangent(h, force) - C / h)
+        check_damping(np.append(K.data, C.data), "linearise: the damping in this state")
+        return K, C
 
 
 def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -398,8 +431,8 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
             strains.append(strained(changed))
             if natural:
                 state = replace(state, natural=strains[-1])
-            f, _, _, pushes, *_ = _forces(about.model, state)
-            forces.append(-(about.T.T @ f + about.S.T @ pushes))
+            steps = _Steps(model, state, about.S @ about.rates)
+            forces.append(-steps.residual())
     finally:
         inputs.set({name: value})
         inputs.arrive()
@@ -408,8 +441,8 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
         return force, np.zeros_like(force)
     rate = (strains[1] - strains[0]) / (2 * h)
     still = replace(about.state, v=0 * about.state.v)  # without the round-off of other rates
-    ahead, back = (_forces(about.model, still, sign * rate)[0] for sign in (1, -1))
-    return force, -about.T.T @ (ahead - back) / 2
+    ahead, back = (_Steps(model, still, 0 * about.S @ about.rates, sign * rate) for sign in (1, -1))
+    return force, (back.residual() - ahead.residual()) / 2
 
 
 def _accelerations(
@@ -417,20 +450,20 @@ def _accelerations(
     forcing: Forcing,
     state: State,
     T: scipy.sparse.csr_matrix,
-    r: np.ndarray,
-    pushes: np.ndarray,
+    residual: np.ndarray,
     turning: np.ndarray,
 ) -> np.ndarray:
     """Accelerations z'': of unknowns by the equations, of driven motions as the step ended.
 
-    Forces are r (size,) at nodes and pushes (columns,) of springs. Inputs have no acceleration.
+    The forces without M T z'' leave a `residual` (columns,). Inputs have no acceleration.
     """
-    free, mass = len(unknowns := model.reduction.independent), model.masses.matrix
-    a = np.zeros(T.shape[1])
-    if model.reduction.driven and state.length:  # `State.a` is that of the middle of the step
+    driven, mass = model.couplings.released, model.masses.matrix
+    a, free = np.zeros(T.shape[1]), T.shape[1] - driven
+    unknowns = model.reduction.independent[:free]
+    if driven and state.length:  # `State.a` is that of the middle of the step
         h = max(_MOMENT * state.length, _BENT * abs(state.t))
         a[free:] = forcing.derivatives(state.t, -h)[1]
-    elif model.reduction.driven and state.a.any():
+    elif driven and state.a.any():
         unit = model.units.nodes
         scaled = T.toarray() / unit[:, None]
         a = np.linalg.lstsq(scaled, (state.a - turning) / unit, rcond=None)[0]
@@ -438,10 +471,6 @@ def _accelerations(
     for i, function in enumerate(forcing.functions):
         if function.ramps:
             a[free + i] = 0.0
-    force = -(T.T @ (r + mass @ (T @ a)) + pushes)[:free]
-    M, unit = (
-        (T.T @ (mass @ T)).tocsr()[:free, :free],
-        model.units.unknowns[unknowns],
-    )
-    a[:free] = acceleration_of(M, force, unit)
+    M, unit = (T.T @ (mass @ T)).tocsr(), model.units.unknowns[unknowns]
+    a[:free] = acceleration_of(M[:free, :free], -(residual + M @ a)[:free], unit)
     return a

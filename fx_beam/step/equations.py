@@ -91,7 +91,8 @@ class Equations:
         self._length, self._start = length, start
         follow = model.points.followers
         followers = floats(follow.at(interval)) if len(follow) else np.empty(0)
-        self._library.fx_begin(self._c, interval.end - length, length, self._of(followers))
+        t = interval.at(level) - level * length  # also of an instant
+        self._library.fx_begin(self._c, t, length, self._of(followers))
         self.end_at(end)
 
     def end_at(self, end: float) -> None:

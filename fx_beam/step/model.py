@@ -99,7 +99,7 @@ class Model:
     Vectors contain all degrees of freedom; `mesh.dofs` gives those of a node. With `mobile`, parts
     with mass need no supports, even if the scheme is static. With `instant`, its steps only serve
     to find derivatives of forces. A `part` of a scene is checked with the whole. A mechanism that
-    its loads may hold is not refused if it `settles`.
+    its loads may hold is not refused if it `settles`. Driven motions are unknowns if `released`.
     """
 
     def __init__(
@@ -111,6 +111,7 @@ class Model:
         part: bool = False,
         settles: bool = False,
         structure: Structure | None = None,
+        released: bool = False,
     ):
         self.scheme, self.mesh = scheme, build_mesh(scene)
         #: Held by a thread that computes with it: a solution may be read by several.
@@ -142,7 +143,7 @@ class Model:
         self.masses.warn_of_no_weight(scene)
         look_at_ends(scene, self.mesh)
         self.reduction: Reduction
-        self._build_reduction()
+        self._build_reduction(released)
         #: Whether friction sticks, whose damping depends on masses and places.
         self.sticks = sticks(scene) and not scheme.rates.at_rest
         if self.sticks:
@@ -223,10 +224,10 @@ class Model:
         other.reduction = self.reduction.in_block(block, forms.compiled_points)
         return other
 
-    def _build_reduction(self) -> None:
+    def _build_reduction(self, released: bool) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""
         scene, matrix = self.scene, self.forms.stiffness
-        self.couplings = couple(scene, self.mesh)
+        self.couplings = couple(scene, self.mesh, released)
         #: Sizes of unit increments.
         self.units = Units(self.mesh, self.couplings)
         # Couplings that change with the motion.

@@ -236,7 +236,8 @@ def _fit(
 
 def driven_of(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Prescribed motions and coordinates of motors (n, driven)."""
-    positions, arrays = np.zeros((len(q), model.couplings.driven)), {"q": q, "slides": slides}
+    count, arrays = len(model.prescribed) + len(model.data.motors), {"q": q, "slides": slides}
+    positions = np.zeros((len(q), count))
     for name, i, entry, sign in driven_terms(model):
         positions[:, i] += sign * arrays[name][:, entry]
     return positions

@@ -221,6 +221,60 @@ def test_systems_of_the_instant_of_a_closed_loop_in_motion():
     assert max(errors) < 5e-3
 
 
+def rods_in_a_row(count, spring, damper):
+    """Rods of length 1 on hinges with springs and dampers, along x: their scene and centres."""
+    scene, last, centres = fb.Scene(gravity=(0, -9.81)), fb.GROUND, []
+    for i in range(count):
+        ends = {"a": (i, 0), "b": (i + 1, 0)}
+        rod = scene.add_body((i + 0.5, 0), 1.0 + 0.1 * i, 0.1, points=ends)
+        laws = {"spring": fb.Spring(spring), "damper": fb.Damper(damper)}
+        scene.add_joint(fb.Revolute(last, rod["a"], **laws))
+        last, centres = rod["b"], [*centres, rod.centre]
+    return scene, centres
+
+
+def balance_of_rods(count, spring, damper):
+    """Lagrange's equations of the same rods: moments of angles, rates and accelerations."""
+    masses = 1.0 + 0.1 * np.arange(count)
+    reach = np.tril(np.ones((count, count)), -1) + np.eye(count) / 2  # of centres along rods
+    inertia, weight = reach.T @ (masses[:, None] * reach), 9.81 * masses @ reach
+
+    def moments(angle, rate, acceleration):
+        apart = angle[:, None] - angle
+        turned = (inertia * np.cos(apart)) @ acceleration + (inertia * np.sin(apart)) @ rate**2
+        hinge = spring * np.diff(angle, prepend=0) + damper * np.diff(rate, prepend=0)
+        return (
+            turned + weight * np.cos(angle) + 0.1 * acceleration + hinge - np.append(hinge[1:], 0)
+        )
+
+    return moments
+
+
+def by_complex_steps(function, x):
+    return np.array([function(x + 1e-30j * e).imag / 1e-30 for e in np.eye(len(x))]).T
+
+
+@pytest.mark.parametrize("count", [2, 8])
+def test_rods_in_motion_have_the_roots_of_lagranges_equations(count):
+    """Whose derivatives by complex steps are exact."""
+    laws = {"spring": 2.0, "damper": 0.3}
+    scene, centres = rods_in_a_row(count, **laws)
+    swing = fb.simulate(scene, dt=5e-3, t_end=0.4)
+    angle, rate = (
+        np.array([rows[-1, c.number, 2] for c in centres]) for rows in (swing.q, swing.v)
+    )
+    assert abs(rate).max() > 1
+    moments, still = balance_of_rods(count, **laws), np.zeros(count)
+    M = by_complex_steps(lambda x: moments(angle, rate, x), still)
+    a = -np.linalg.solve(M, moments(angle, rate, still))
+    K = by_complex_steps(lambda x: moments(x, rate, a), angle)
+    C = by_complex_steps(lambda x: moments(angle, x, a), rate)
+    A = np.block([[0 * M, np.eye(count)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    expected, computed = (np.linalg.eigvals(x) for x in (A, fb.linearise(scene, swing).A))
+    for root in expected:
+        assert abs(computed - root).min() < 1e-10 * abs(expected).max()
+
+
 def crank_and_bob(turn):
     """A pendulum on a driven crank: its scene, the bob, and A[1, 0] for a solution at a time."""
     a, b, m, J = 0.5, 0.4, 2.0, 0.1
