@@ -12,6 +12,8 @@ import scipy.linalg
 import scipy.sparse.linalg
 
 from fx_beam.errors import SceneError, is_whole, require
+from fx_beam.fem.point_values import AN_INSTANT, PointValues
+from fx_beam.laws.interval import StepBatch
 from fx_beam.motions.initial_state import end_of
 from fx_beam.motions.motion import Motion
 from fx_beam.motions.options import check_scene
@@ -489,45 +491,64 @@ def linearise(
 
 
 def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[str], caller: str):
-    """Matrices Y, Y' (k, columns), E (k, m) of outputs Y z + Y' z' + E u, and their names."""
-    row_pairs, labels = [np.empty((2, 0, about.T.shape[1]))], list[str]()
-    direct = [np.empty((0, sum(about.held.widths[name] for name in inputs)))]
+    """Matrices Y, Y' (k, columns), E (k, m) of outputs Y z + Y' z' + E u, and their names.
+
+    Places are T z, and rates T z' + T' z.
+    """
+    T, S, dT, dS = about.T, about.S, about.dT, about.dS
+    parts: list[dict[str, Any]] = [
+        {"q": T, "v": dT, "slides": S, "rates of slides": dS},
+        {"v": T, "rates of slides": S},
+        {"parameters": scipy.sparse.csr_matrix(_parameters_by_inputs(about, inputs))},
+    ]
+    rows, labels = [[np.zeros((0, next(iter(x.values())).shape[1]))] for x in parts], list[str]()
     for name, output in outputs.items():
         check_differentiable(output, f"{caller}: output {name!r}")
         measured = Measured(output)
-        law = measured.law_quantity
-        if not law and output.quantity not in _LINEAR:
+        if not measured.law_quantity and output.quantity not in _LINEAR:
             raise SceneError(
                 f"{caller}: output {name!r} is a {output.quantity}; only {', '.join(_LINEAR)} are "
                 "linearised"
             )
-        line: Any = output.of
-        if law:
-            from .line_rows import line_rows
-
-            *state_rows, input_rows = line_rows(about, line.number, law, inputs)
-            row_pairs.append(np.array(state_rows)[:, None])
-            direct.append(input_rows[None])
-        else:
-            row_pairs.append(np.array(_rows(about, measured)))
-            direct.append(np.zeros((row_pairs[-1].shape[1], direct[0].shape[1])))
+        slopes = _slopes(about, measured)
+        for matrices, part_rows in zip(parts, rows, strict=True):
+            part_rows.append(output_rows(about.model, measured, matrices, slopes))
         components = output.components
         labels += [f"{name}.{part}" for part in components] if components else [name]
-    return *np.concatenate(row_pairs, axis=1), np.concatenate(direct), labels
+    return *map(np.concatenate, rows), labels
 
 
-def _rows(about: Deviations, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-    """Rows by z and by z': places are T z, and rates T z' + T' z."""
-    state, T, S, dT, dS = about.state, about.T, about.S, about.dT, about.dS
-    rates = about.T @ about.rates
-    arrays = {"q": state.q, "v": rates, "slides": state.slides, "X": about.model.mesh.X.ravel()}
-
-    def read(array: str, entries: np.ndarray) -> np.ndarray:
-        return arrays[array][entries]
-
-    by_place = {"q": T, "v": dT, "slides": S, "rates of slides": dS}
-    by_rate = {"v": T, "rates of slides": S}
-    moved, moving = (
-        output_rows(about.model, measured, matrices, read) for matrices in (by_place, by_rate)
+def _slopes(about: Deviations, measured: Measured) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Derivatives of an output by entries of arrays; those of lines by their own laws."""
+    model, state, rates = about.model, about.state, about.T @ about.rates
+    if measured.sliding:
+        return [("rates of slides", np.array([measured.place.number]), np.ones((1, 1, 1)))]
+    if not (quantity := measured.law_quantity):
+        arrays = {"q": state.q, "v": rates, "slides": state.slides, "X": model.mesh.X.ravel()}
+        return [*measured.slopes(lambda array, entries: arrays[array][entries])]
+    step = StepBatch.single(
+        state.t,
+        1.0,
+        q=state.q,
+        v=rates,
+        parameters=model.forms.parameters.at(state.t),
+        spring_internal=state.spring_internal,
+        load_factor=np.array(about.factor),
     )
-    return moved, moving
+    rule = AN_INSTANT if quantity == "pull" else None
+    return [*PointValues(model.points, quantity, measured.place.number, rule).slopes(step)]
+
+
+def _parameters_by_inputs(about: Deviations, names: Sequence[str]) -> np.ndarray:
+    """Changes (parameters, m) of parameters with inputs, in which they are linear."""
+    inputs, parameters, columns = about.held, about.model.forms.parameters, list[np.ndarray]()
+
+    def changed(name: str, value: np.ndarray) -> np.ndarray:
+        inputs.set({name: value})
+        inputs.arrive()
+        return parameters.at(about.state.t)
+
+    for name in names:
+        value = inputs.values[name]
+        columns += [changed(name, value + u) - changed(name, value) for u in np.eye(len(value))]
+    return np.reshape(columns, (len(columns), len(parameters))).T

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -24,7 +24,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.inputs import values_of, widths, with_values
-from fx_beam.scene.measured import Measured, Read, Slope
+from fx_beam.scene.measured import Measured
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
@@ -263,18 +263,15 @@ def output_rows(
     model: Model,
     measured: Measured,
     matrices: Mapping[str, scipy.sparse.csr_matrix],
-    read: Read | None = None,
+    slopes: Iterable[tuple[str, np.ndarray, np.ndarray]] | None = None,
 ) -> np.ndarray:
     """Rows (components, n) of an output for changes of arrays: a matrix by the name of each.
 
-    That of the slides has the columns of the model. Other arrays stay, and so do all numbers.
+    That of the slides has the columns of the model. Other arrays stay, and so do all numbers. With
+    its `slopes`, if they are not the same in every state.
     """
-    if measured.sliding:
-        slopes = [Slope("rates of slides", np.array([measured.place.number]), np.ones((1, 1, 1)))]
-    else:
-        slopes = [*measured.slopes(read)]
     rows = np.zeros((*(measured.shape or (1,)), next(iter(matrices.values())).shape[1]))
-    for array, entries, values in slopes:
+    for array, entries, values in measured.slopes() if slopes is None else slopes:
         if (matrix := matrices.get(array)) is not None:
             if "slides" in array:
                 entries = np.array([model.couplings.slides[number] for number in entries.tolist()])
