@@ -8,13 +8,13 @@ import scipy.sparse
 from fx_beam.coupling.graph import joints_with_arms
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import rotation_of
-from fx_beam.results.fields import nodes_of_elements
-from fx_beam.scene.beam import Node, gauss_rule, lagrange_and_slopes
+from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND
 from fx_beam.step.model import Model
 
 from .load_steps import LoadStepper
 from .small_loads import SmallLoads
+from .virtual_strains import Axes
 
 
 def check_forces(model: Model) -> None:
@@ -56,20 +56,9 @@ def _beam_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     mesh, size = model.mesh, model.size
     if not model.scene.beams:
         return scipy.sparse.csr_matrix((size, size))
-    nodes = nodes_of_elements(small.solution)
-    count = nodes.shape[1]
-    points, weights = gauss_rule(count - 1)
-    values, slopes = lagrange_and_slopes(np.linspace(0, 1, count), points)
+    weights, values, slopes, dphi, t, n = Axes.of(mesh, small.state.q)
+    nodes, count = mesh.elements, mesh.elements.shape[1]
     N, Q = (_slopes_of(small, model, name)[..., None] for name in "NQ")
-    X, q = mesh.X[nodes], small.state.q.reshape(-1, 3)[nodes]
-    dX = np.einsum("ga,eai->egi", slopes, X)  # J times the tangent
-    J = np.linalg.norm(dX, axis=-1, keepdims=True)
-    x, y = np.moveaxis(dX / J, -1, 0)
-    psi = q[..., 2] @ values.T
-    c, s = np.cos(psi), np.sin(psi)
-    t = np.stack([c * x - s * y, s * x + c * y], axis=-1)
-    n = np.stack([-t[..., 1], t[..., 0]], axis=-1)
-    dphi = dX + np.einsum("ga,eai->egi", slopes, q[..., :2])  # J phi'
     turned = -((N * t + Q * n) * dphi).sum(axis=-1)
     # du' is a slope by J, and the integral has the weight J.
     mixed = np.einsum("g,ga,egi,gb->eaib", weights, slopes, N * n - Q * t, values)

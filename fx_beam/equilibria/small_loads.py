@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from fx_beam.dual import floats
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, Rest
+from fx_beam.motions.element_balance import ElementLoads, components, directions
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.results.state import State
+from fx_beam.step.model import Model
 from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.row_steps import RowSteps
 from fx_beam.step.step_failures import StepFailed
 
 from .load_steps import LoadStepper
-from .path_equations import PathEquations
+from .path_equations import PathEquations, Tangent
+from .virtual_strains import Axes
 
 # Largest rotation [rad] and strain of these states. Their loads are these parts of the largest: the
 # error of a derivative is that of a polynomial of degree 8.
@@ -22,128 +29,97 @@ _FIRST, _SECOND = np.linalg.inv(np.vander(np.append(0.0, _PARTS), increasing=Tru
 # Error of first-order equilibrium above which smaller states are tried, how much smaller they are,
 # and the part of the error that is worth it.
 _ACCURATE, _SMALLER, _LESS = 1e-10, 0.01 ** np.arange(4), 0.1
+# Error that is round-off if it is no smaller in smaller states.
+_ROUNDED = 1e-3
+# Error below which no correction is made, the largest number of corrections, and the part of the
+# last one that is worth another.
+_EXACT, _MOST, _WORTH = 1e-12, 20, 0.5
 # Least part of these loads that is tried where laws switch, or of loads that move a node by
 # `_LARGEST` of the scene's size.
 _NEAREST = 1e-4
 
 
-class SmallStates:
-    """States at u = l u_1 beside a state, in which nodes on arms go straight as well.
+class _Way(NamedTuple):
+    """Changes of the unknowns (free,), of all nodes (size,), and of the load factor."""
 
-    By displacements u_1 of the unknowns y (free,) and of all nodes D (size,), under forces l f_1 on
-    the unknowns (free,).
-    """
+    y: np.ndarray
+    D: np.ndarray
+    load: float
 
-    def __init__(
-        self,
-        name: str,
-        path: PathEquations,
-        state: State,
-        y: np.ndarray,
-        D: np.ndarray,
-        forces: np.ndarray,
-    ):
-        self._what, self._path, self._loop, self._model = name, path, path.loop, path.model
-        self.state, self.y, self.D, self._forces = state, y, D, forces
-        #: Error of first-order equilibrium by the states, relative to forces and displacements.
-        self.error = np.inf
-        moved = abs(D / self._model.units.nodes).max(initial=0.0)
-        largest = self._without_switch(_LARGEST / (self.size() or moved or 1.0), moved)
-        for part in _SMALLER:  # lines and beams that guide may be short beside displacements
-            found, error = self._found_states(part * largest)
-            if not error >= _LESS * self.error:
-                #: The states, from that without l on.
-                self.states = found
-                self._largest, self.error = part * largest, error
-            if self.error < _ACCURATE:
-                break
 
-    def balanced(self, load: float) -> tuple[np.ndarray, State]:
-        """Residual forces (unknowns,) at l, and the state there."""
-        raise NotImplementedError
+class _Block(NamedTuple):
+    """States along a way, and slopes along it."""
 
-    def _without_switch(self, largest: float, moved: float) -> float:
-        """A load factor up to which, in both directions, no stop or other law switches.
+    way: _Way
+    states: list[State]
+    #: The largest state, as a part of the way.
+    largest: float
+    #: Slopes of the residual (free,), of that at nodes (size,), and of the forces of beams in it.
+    residual: np.ndarray
+    at_nodes: np.ndarray
+    of_beams: np.ndarray
+    #: Error of first-order equilibrium, relative to the loads.
+    error: float
 
-        Nodes move by so much of the size of the scene by the load factor.
-        """
-        model, start = self._model, self.state
-        if not (sum(model.points.switch_counts) or model.points.members):
-            return largest
-        path, members = self._path, model.points.members
-        start_signs, touched = np.sign(model.kinks.switches(start)), members and members.touched
-        path.begin(start)
 
-        def switched(load: float) -> bool:
-            y = load * self.y
-            slides = start.slides + model.couplings.free_slides(y, len(start.slides))
-            values = model.forms.compiled_points.switches(start.q + path.expand(y, load), slides)
-            return (
-                bool((np.sign(values) != start_signs).any())
-                or (members and members.touched) != touched
-            )
+def _without_switch(name: str, path: PathEquations, start: State, way: _Way) -> float:
+    """A part of a way up to which, in both directions, no stop or other law switches."""
+    model = path.model
+    moved = abs(way.D / model.units.nodes).max(initial=0.0)
+    largest = _LARGEST / (_size(model, way.D) or moved or 1.0)
+    if not (sum(model.points.switch_counts) or model.points.members):
+        return largest
+    members = model.points.members
+    start_signs, touched = np.sign(model.kinks.switches(start)), members and members.touched
+    path.begin(start)
 
-        least = _NEAREST * min(largest, _LARGEST / (moved or 1.0))
-        for most in np.geomspace(largest, least, 20).tolist():
-            if not any(map(switched, (most * _PARTS).tolist())):
-                return most
-        raise SceneError(
-            f"{self._what}: a stop, a contact or a law of springs switches where the scene is at "
-            "rest: its stiffness depends on the direction of the load. Take fx_beam.static"
+    def switched(part: float) -> bool:
+        y = part * way.y
+        slides = start.slides + model.couplings.free_slides(y, len(start.slides))
+        q = start.q + path.expand(y, part * way.load)
+        values = model.forms.compiled_points.switches(q, slides)
+        return (
+            bool((np.sign(values) != start_signs).any()) or (members and members.touched) != touched
         )
 
-    def size(self) -> float:
-        """Largest rotation or strain by the load factor."""
-        mesh, D = self._model.mesh, self.D.reshape(-1, 3)
-        first, last = mesh.points[:, 0], mesh.points[:, 1]
-        length = np.hypot(*(mesh.X[last] - mesh.X[first]).T)
-        strains = np.hypot(*(D[last, :2] - D[first, :2]).T) / length
-        return float(max(abs(D[:, 2]).max(initial=0.0), strains.max(initial=0.0)))
-
-    def _found_states(self, largest: float) -> tuple[list[State], float]:
-        """States up to a load factor, and the error of first-order equilibrium by them."""
-        model, start = self._model, self.state
-        states, residuals, bends = [], [], []
-        for load in (0.0, *(largest * _PARTS).tolist()):
-            residual, new = self.balanced(load)
-            straight = start.q + load * self.D
-            residuals.append(residual)
-            bends.append(new.q - straight)
-            states.append(new.changed(q=straight))
-        chosen, node_unit = model.reduction.independent, model.units.nodes
-        unit = model.units.unknowns[chosen]
-        pairs = (
-            (residuals * unit, self._forces[chosen] * unit),
-            (bends / node_unit, self.D / node_unit),
-        )
-        error = sum(
-            abs(_FIRST @ rows / largest).max(initial=0.0) / (abs(slopes).max(initial=0.0) or 1.0)
-            for rows, slopes in pairs
-        )
-        return [start, *states[1:]], float(error)
-
-    def slope(self, rows: np.ndarray) -> np.ndarray:
-        """Derivative by the load factor of values (n + 1, ...) in all states."""
-        return np.tensordot(_FIRST, rows, axes=1) / self._largest
-
-    def at_ends(self, rows: np.ndarray) -> np.ndarray:
-        """Values (2, ...) without and with all loads, from values (n + 1, ...) in all states."""
-        return np.stack([rows[0], rows[0] + self.slope(rows)])
+    least = _NEAREST * min(largest, _LARGEST / (moved or 1.0))
+    for most in np.geomspace(largest, least, 20).tolist():
+        if not any(map(switched, (most * _PARTS).tolist())):
+            return most
+    raise SceneError(
+        f"{name}: a stop, a contact or a law of springs switches where the scene is at "
+        "rest: its stiffness depends on the direction of the load. Take fx_beam.static"
+    )
 
 
-class SmallLoads(SmallStates):
-    """Displacements u_1 = K_0^-1 f about a state, and states at u = l u_1 under loads l f.
+def _size(model: Model, D: np.ndarray) -> float:
+    """Largest rotation or strain in displacements (size,)."""
+    mesh, D = model.mesh, D.reshape(-1, 3)
+    first, last = mesh.points[:, 0], mesh.points[:, 1]
+    length = np.hypot(*(mesh.X[last] - mesh.X[first]).T)
+    strains = np.hypot(*(D[last, :2] - D[first, :2]).T) / length
+    return float(max(abs(D[:, 2]).max(initial=0.0), strains.max(initial=0.0)))
 
-    Energies are quadratic in them.
+
+class SmallLoads:
+    r"""Displacements u_1 = K_0^-1 f about a state, and states at u = l u_1 under loads l f.
+
+    Also nodes on arms go straight in them, so that energies are quadratic.
+
+    Strains of stiff members have the round-off of displacements. Section forces with it are taken
+    as they are, and all other forces follow from them in the shape of the state. What is missing
+    in the balance is the load of a correction, whose round-off is far smaller, and so on.
     """
 
     def __init__(self, name: str, stepper: LoadStepper, state: State):
-        reduction, path = stepper.model.reduction, stepper.path
-        y, loop = np.zeros(reduction.free), path.loop
+        self._what, self._stepper, self.state = name, stepper, state
+        reduction = stepper.model.reduction
+        path, y = stepper.path, np.zeros(reduction.free)
         path.begin(state)
-        column = path.balance(y, 0.0)[2]
+        self._column = path.balance(y, 0.0)[2]
+        self._unit = stepper.model.units.unknowns[: reduction.free]
         #: Whether anything changes with the load factor.
-        self.acts = bool(loop.forcing.rise.any() or column.any())
+        self.acts = bool(stepper.loop.forcing.rise.any() or self._column.any())
         try:
             tangent = path.with_the_load(y, 0.0)
         except StepFailed as failure:
@@ -153,37 +129,212 @@ class SmallLoads(SmallStates):
             ) from failure
         if not (tangent.load and np.isfinite(tangent.y).all()):
             raise SceneError(f"{name}: the state is at a critical point already. Reduce its loads")
-        weight = stepper.model.masses.weight
-        self._still = loop.forcing.first - (0.0 if weight is None else weight)
-        slopes = tangent.y / tangent.load, tangent.D / tangent.load
-        super().__init__(name, path, state, *slopes, column)
+        way = _Way(tangent.y / tangent.load, tangent.D / tangent.load, 1.0)
+        #: Forces (size,) of supports and joints in the state. Their changes have a row alone.
+        self._still = stepper.loop.balance(state, state.t).r.copy()
+        self._block = block = self._refined(self._largest_states(way))
+        #: Displacements (size,) of all nodes by the load factor.
+        self.D = block.way.D
         #: A record of all states, and a solution with them as its rows.
-        self.recorder = Recorder(stepper.model, np.arange(len(self.states), dtype=float), Record())
-        for row_state in self.states:
-            loop.record(row_state, self.recorder)
-        rest = Rest(loop.forcing.time, state.t + self._largest * np.append(0.0, _PARTS))
+        self.recorder = Recorder(stepper.model, np.zeros(1), Record())
+        stepper.loop.record(state, self.recorder)
+        self._factors, self._weights = [state.t], np.zeros(1)
+        # Slopes (cells, nodes, 3) of the forces of elements, if section forces were corrected.
+        self._forces: np.ndarray | None = None
+        #: Error of the balance of all forces, relative to the loads.
+        self.error = self._record_corrected()
+        rest = Rest(stepper.loop.forcing.time, np.array(self._factors))
         self.solution = solution_of(self.recorder, stepper.stats, lambda: state, rest=rest)
 
-    def balanced(self, load: float) -> tuple[np.ndarray, State]:
-        """As of `SmallStates`."""
-        path, start, y = self._path, self.state, load * self.y
-        path.begin(start)
-        balance = path.balance(y, load)[0]
-        residual = balance.residual[self._model.reduction.independent]
-        new = self._loop.finished(start, Interval(start.t, start.t + load), y, balance.r)
-        bend = new.q - (start.q + load * self.D)
-        work = new.work + (1 - load / 2) * path.held @ y - self._still @ bend
-        return residual, new.changed(work=float(work))
+    def _largest_states(self, way: _Way) -> _Block:
+        """States along the way of the loads, as large as their error is small."""
+        largest, blocks, least = (
+            _without_switch(self._what, self._stepper.path, self.state, way),
+            list[_Block](),
+            np.inf,
+        )
+        for part in _SMALLER:  # lines and beams that guide may be short beside displacements
+            block = self._states(way, part * largest)
+            if not block.error >= _LESS * least:
+                blocks, least = [block], block.error
+            elif least < _ROUNDED:
+                break
+            if least < _ACCURATE:
+                break
+        return blocks[0]
+
+    def _refined(self, block: _Block) -> _Block:
+        """States along the way that their residual corrects, as long as corrections fall."""
+        last = np.inf
+        for _ in range(_MOST if block.error > _ACCURATE else 0):
+            y, dy = block.way.y, self._correction(block.residual).y
+            whole, size = (abs(part / self._unit).max(initial=0.0) for part in (y, dy))
+            if size < _ACCURATE * whole or not size < _WORTH * last:
+                break
+            way, last = _Way(y + dy, self._stepper.path.spread(y + dy, 1.0), 1.0), size
+            block = self._states(way, block.largest)
+        return block
+
+    def _correction(self, residual: np.ndarray) -> _Way:
+        """The way at constant loads by which a residual (free,) goes away."""
+        path, still = self._stepper.path, np.zeros(len(residual))
+        path.begin(self.state)
+        path.balance(still.copy(), 0.0)
+        normal = Tangent(still, np.zeros(self._stepper.model.size), 1.0)
+        dy, _ = path.solve(self._column, normal, -residual, 0.0)
+        return _Way(dy, path.spread(dy, 0.0), 0.0)
+
+    def _record_corrected(self) -> float:
+        """Record states, and corrections of forces; the error that is left."""
+        beams = self._stepper.model.forms.beams
+        self._record(block := self._block)
+        residual, at_nodes, of_beams, last = *block[3:6], np.inf
+        error, forces = block.error, at_nodes
+        for trial in range(_MOST + 1 if error > _ACCURATE else 0):
+            missing, forces = residual, at_nodes
+            if beams is not None and not beams.has_external:
+                rounding = self._forces_by_sections() - of_beams
+                missing, forces = residual + self._reduced(rounding), at_nodes + rounding
+            error = self._error(missing)
+            if error <= _EXACT or not error < _WORTH * last or trial == _MOST:
+                break
+            way, last = self._correction(missing), error
+            block = self._states(
+                way, _without_switch(self._what, self._stepper.path, self.state, way)
+            )
+            self._record(block)
+            slopes = zip((residual, at_nodes, of_beams), block[3:6], strict=True)
+            residual, at_nodes, of_beams = (known + new for known, new in slopes)
+        self._record_forces(forces)
+        return error
+
+    def _record(self, block: _Block) -> None:
+        """Record states, which count in slopes."""
+        recorder, first = self.recorder, self.recorder.rows
+        recorder.plan(first, np.arange(first, first + len(_PARTS), dtype=float), last=True)
+        for state in block.states:
+            self._stepper.loop.record(state, recorder)
+        self._factors += (self.state.t + block.way.load * block.largest * _PARTS).tolist()
+        weights = _FIRST / block.largest
+        self._weights[0] += weights[0]
+        self._weights = np.append(self._weights, weights[1:])
+
+    def _record_forces(self, at_nodes: np.ndarray) -> None:
+        """Record changes of forces of supports and joints by those (size,) at their nodes."""
+        recorder, loop, t = self.recorder, self._stepper.loop, self.state.t
+        recorder.plan(recorder.rows, np.arange(3.0) + recorder.rows, last=True)
+        # The first one only stands before the others, which are alike but for these forces.
+        for part in (0.0, 1.0, 0.0):
+            still = np.zeros(self._stepper.model.reduction.free)
+            new = loop.finished(self.state, Interval(t, t), still, part * at_nodes)
+            loop.record(new, recorder)
+        self._factors += [t, t, t]
+        self._weights = np.append(self._weights, [0.0, 1.0, -1.0])
+
+    def _forces_by_sections(self) -> np.ndarray:
+        """Slopes of the forces (size,) of beams, by section forces in the shape of the state."""
+        model, beams = self._stepper.model, self._stepper.model.forms.beams
+        assert beams is not None
+        batch, mesh = RowSteps(self.recorder).batch(), model.mesh
+        resultants = beams.resultants(batch)
+        self._forces = Axes.of(mesh, self.state.q).forces(self.slope(resultants))
+        if resultants[0].any():  # they turn with the elements
+            axes = Axes.of(mesh, self.recorder.arrays["q"][: self.recorder.rows])
+            self._forces += self.slope(axes.forces(resultants[:1]))
+        return np.bincount(mesh.dofs[mesh.elements].ravel(), self._forces.ravel(), model.size)
+
+    def slopes_at_ends(self, beam: str, ends: np.ndarray) -> np.ndarray | None:
+        """Slopes of N, Q and M (elements, 2, 3) at ends of elements, `ends` in the state.
+
+        None if they need no corrections.
+        """
+        if self._forces is None:
+            return None
+        model, t = self._stepper.model, np.array([self._stepper.loop.forcing.time])
+        mesh, loads = model.mesh, ElementLoads(model, model.data.loaded_beams, model.mesh.X)
+        own = (floats(loads.dead.series(t)) @ loads.dead.unit_loads.T)[0]
+        if loads.weight is not None:
+            own = own + floats(loads.weight)
+        cells = mesh.cells[[b.name for b in model.scene.beams].index(beam)]
+        nodes = mesh.elements[cells]
+        turned, turns = (x[mesh.turns][nodes[:, [0, -1]]] for x in (self.D, self.state.q))
+        forces = (self._forces - own.reshape(self._forces.shape))[cells][:, [0, -1]]
+        slopes = components(forces * [[-1.0], [1.0]], directions(mesh.X[nodes]) + turns)
+        slopes[..., 0] += turned * ends[..., 1]
+        slopes[..., 1] -= turned * ends[..., 0]
+        return slopes
+
+    def _reduced(self, forces: np.ndarray) -> np.ndarray:
+        """Forces (free,) on the unknowns by those (size,) at nodes, in the state."""
+        maps = self._stepper.model.reduction.maps
+        self._stepper.motions.stiffness(self.state)  # the couplings are then those of this state
+        reduced = maps.reduced_force(forces) - maps.reduced_force(0 * forces)
+        return reduced[: len(self._unit)]
+
+    def _error(self, residual: np.ndarray) -> float:
+        """Size of a residual (free,) relative to the loads."""
+        chosen = self._stepper.model.reduction.independent
+        sizes = (
+            abs(part * self._unit)[chosen].max(initial=0.0) for part in (residual, self._column)
+        )
+        left, loads = sizes
+        return float(left / (loads or 1.0))
+
+    def size(self) -> float:
+        """Largest rotation or strain by the load factor."""
+        return _size(self._stepper.model, self.D)
+
+    def _states(self, way: _Way, largest: float) -> _Block:
+        """States along a way, up to a part of it."""
+        model, path, start = self._stepper.model, self._stepper.path, self.state
+        weight, points = model.masses.weight, model.forms.compiled_points
+        still = self._stepper.loop.forcing.first - (0.0 if weight is None else weight)
+        states, turned, bends, nodes, points_rows = [], [], [], [], []
+        for part in (0.0, *(largest * _PARTS).tolist()):
+            path.begin(start)
+            y, load = part * way.y, part * way.load
+            balance = path.balance(y, load)[0]
+            # Forces in the state turn with the joints.
+            turned.append(model.reduction.maps.reduced_force(self._still)[: len(y)])
+            at_points = np.zeros(model.size)
+            points.add_force(balance.D, at_points)
+            nodes.append(balance.r.copy())
+            points_rows.append(at_points)
+            interval = Interval(start.t, start.t + load)
+            new = self._stepper.loop.finished(start, interval, y, self._still)
+            straight = start.q + part * way.D
+            bends.append(new.q - straight)
+            work = new.work + (1 - load / 2) * path.held @ y - still @ bends[-1]
+            states.append(new.changed(q=straight, work=float(work)))
+        residual, bend, at_nodes, of_points = (
+            _FIRST @ rows / largest for rows in (turned, bends, nodes, points_rows)
+        )
+        residual += self._reduced(at_nodes) + way.load * path.held
+        of_beams = at_nodes - of_points + way.load * self._stepper.loop.forcing.rise
+        node_unit = model.units.nodes
+        bent = abs(bend / node_unit).max(initial=0.0)
+        error = self._error(residual) + bent / (abs(way.D / node_unit).max(initial=0.0) or 1.0)
+        return _Block(way, states[1:], largest, residual, at_nodes, of_beams, float(error))
+
+    def slope(self, rows: np.ndarray) -> np.ndarray:
+        """Derivative by the load factor of values (n + 1, ...) in all states."""
+        return np.tensordot(self._weights, rows, axes=1)
+
+    def at_ends(self, rows: np.ndarray) -> np.ndarray:
+        """Values (2, ...) without and with all loads, from values (n + 1, ...) in all states."""
+        return np.stack([rows[0], rows[0] + self.slope(rows)])
 
     def curvature(self, rows: np.ndarray) -> np.ndarray:
-        """Half of the second derivative by the load factor of values (n + 1, ...) likewise."""
-        return np.tensordot(_SECOND, rows, axes=1) / self._largest**2
+        """Half of the second derivative likewise, by the states along the way of the loads."""
+        first = rows[: len(_SECOND)]
+        return np.tensordot(_SECOND, first, axes=1) / self._block.largest**2
 
 
-class SmallForces(SmallStates):
+class SmallForces:
     """States under small forces f on nodes (size,), which give them accelerations a (size,).
 
-    Loads (size,) on nodes stay, and so does all else that the path has.
+    They are at u = l u_1, by displacements u_1 of the unknowns y (free,) and of all nodes (size,)
+    D; nodes on arms go straight as well. Loads (size,) on nodes stay.
     """
 
     def __init__(
@@ -197,15 +348,46 @@ class SmallForces(SmallStates):
         force: np.ndarray,
         a: np.ndarray,
     ):
+        self._path, self._start, self._way = path, state, _Way(y, D, 0.0)
         self._loads, self._force, self._a = loads, force, a
-        super().__init__(name, path, state, y, D, path.model.reduction.maps.reduced_force(force))
+        #: Error of first-order equilibrium by the states, relative to forces and displacements.
+        self.error = np.inf
+        largest = _without_switch(name, path, state, self._way)
+        for part in _SMALLER:  # lines and beams that guide may be short beside displacements
+            found, error = self._found_states(part * largest)
+            if not error >= _LESS * self.error:
+                #: The states, from that without forces on.
+                self.states = found
+                self._largest, self.error = part * largest, error
+            if self.error < _ACCURATE:
+                break
 
-    def balanced(self, load: float) -> tuple[np.ndarray, State]:
-        """As of `SmallStates`."""
-        start, y, path = self.state, load * self.y, self._path
-        self._loop.forcing.first[:] = self._loads + load * self._force
-        path.begin(start)
-        balance = path.balance(y, 0.0)[0]
-        residual = balance.residual[self._model.reduction.independent]
-        new = self._loop.finished(start, Interval(start.t, start.t), y, balance.r)
-        return residual, new.changed(a=load * self._a)
+    def _found_states(self, largest: float) -> tuple[list[State], float]:
+        """States up to a part of the forces, and the error of first-order equilibrium by them."""
+        path, start, (y, D, _) = self._path, self._start, self._way
+        model, states, residuals, bends = path.model, [], [], []
+        for part in (0.0, *(largest * _PARTS).tolist()):
+            path.loop.forcing.first[:] = self._loads + part * self._force
+            path.begin(start)
+            balance = path.balance(part * y, 0.0)[0]
+            residuals.append(balance.residual[model.reduction.independent])
+            new = path.loop.finished(start, Interval(start.t, start.t), part * y, balance.r)
+            straight = start.q + part * D
+            bends.append(new.q - straight)
+            states.append(new.changed(q=straight, a=part * self._a))
+        chosen, node_unit = model.reduction.independent, model.units.nodes
+        unit = model.units.unknowns[chosen]
+        forces = model.reduction.maps.reduced_force(self._force)
+        pairs = (
+            (residuals * unit, forces[chosen] * unit),
+            (bends / node_unit, D / node_unit),
+        )
+        error = sum(
+            abs(_FIRST @ rows / largest).max(initial=0.0) / (abs(size).max(initial=0.0) or 1.0)
+            for rows, size in pairs
+        )
+        return states, float(error)
+
+    def slope(self, rows: np.ndarray) -> np.ndarray:
+        """Derivative by the forces of values (n + 1, ...) in all states."""
+        return np.tensordot(_FIRST, rows, axes=1) / self._largest

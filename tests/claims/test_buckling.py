@@ -1,6 +1,7 @@
 """Linear buckling against closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ EULER = math.pi**2
 def column(elements=8, **scene):
     """An upright column of length 1, without supports."""
     made = fb.Scene(**scene)
-    return made, made.add_beam([(0, 0), (0, 1)], STIFF, elements=elements, degree=3)
+    # Round-off of the stiffness matrix is 2e-5 of factors at EA = 1e8 with 40 elements.
+    section = STIFF if elements < 40 else replace(STIFF, EA=1e7, GA=1e7)
+    return made, made.add_beam([(0, 0), (0, 1)], section, elements=elements, degree=3)
 
 
 def two_hinges(scene, beam):

@@ -91,6 +91,69 @@ def test_a_frame_has_the_displacements_and_forces_of_its_stiffness_matrix(factor
         assert [-M[first, 0] / factor, M[last, 1] / factor] == pytest.approx([m1, m2], abs=size)
 
 
+@pytest.mark.parametrize(("elements", "degree"), [(1, 3), (4, 3), (16, 3), (16, 1)])
+@pytest.mark.parametrize("stiff", [1e6, 1e9, 1e12])
+def test_forces_of_a_stiff_portal_are_in_balance_and_those_of_kleinlogel(stiff, elements, degree):
+    """Clamped feet, EI 1 and 2.5, a side force of 3: foot moments of 36/11."""
+    scene = fb.Scene()
+    post, girder = fb.Section(stiff, stiff, 1.0), fb.Section(stiff, stiff, 2.5)
+    left = scene.add_beam([(0, 0), (0, 4)], post, elements, degree)
+    top = scene.add_beam([left.end, (6, 4)], girder, elements, degree)
+    right = scene.add_beam([(6, 0), top.end], post, elements, degree)
+    scene.clamp(left.start)
+    scene.clamp(right.start)
+    scene.add_force(left.end, (3.0, 0.0))
+    solution = fb.static(scene, linear=True)
+    (x0, y0, m0), (x1, y1, m1) = (solution.reaction(b.start)[-1] for b in (left, right))
+    assert [x0 + x1 + 3, y0 + y1, m0 + m1 + 6 * y1 - 12] == pytest.approx([0, 0, 0], abs=3e-10)
+    accuracy = 6 / stiff + 1e-10 if degree == 3 else 4e-4
+    assert m0 == pytest.approx(36 / 11, rel=accuracy)
+    # Sections of the members, at nodes and Gauss points.
+    N, Q, M = [], [], []
+    for beam in (left, top, right):
+        resultants = solution.resultants(beam)
+        ends = resultants.at(np.array([0.0, beam.length]))
+        for ends_of_all, at_ends, at_points in (
+            (N, ends.N, resultants.N),
+            (Q, ends.Q, resultants.Q),
+        ):
+            ends_of_all.append(at_ends[-1])
+            assert at_points[-1] == pytest.approx(at_ends[-1, 0] + 0 * at_points[-1], abs=1e-10)
+        M.append(ends.M[-1])
+    assert np.array(N) == pytest.approx(np.array([[-y0] * 2, [x1] * 2, [-y1] * 2]), abs=1e-10)
+    assert np.array(Q) == pytest.approx(np.array([[x0] * 2, [y1] * 2, [x1] * 2]), abs=1e-10)
+    assert [M[0][0], M[2][0]] == pytest.approx([-m0, -m1], abs=1e-10)
+    assert [M[0][1], M[2][1]] == pytest.approx([M[1][0], -M[1][1]], abs=1e-10)
+
+
+def test_stiff_members_between_bodies_and_joints_are_in_balance_under_loads_inside_elements():
+    stiff = fb.Section(EA=1e12, GA=1e12, EI=1.0, rhoA=3.0)
+    scene = fb.Scene(gravity=(0, -2.0))
+    post = scene.add_beam([(0, 0), (0, 2)], stiff, 4, 3)
+    scene.clamp(post.start)
+    block = scene.add_body((0.5, 2.5), 1.0, 1.0, points={"in": post.end, "out": (1, 3)})
+    arm = scene.add_beam([block["out"], (4, 7)], stiff, 5, 3)
+    hinge = scene.add_joint(fb.Revolute(fb.GROUND, arm.end))
+    scene.add_line_load(arm, (1.0, -5.0))
+    scene.add_force(arm.at(1.3), (1.0, -2.0))
+    solution = fb.static(scene, linear=True)
+    foot, pin = solution.reaction(post.start)[-1], solution.joint(hinge).force[-1]
+    # Weights of post, block and arm, the line load and the force, with their places.
+    loads = [((0, 1), (0, -12)), ((0.5, 2.5), (0, -2)), ((2.5, 5), (0, -30))]
+    loads += [((2.5, 5), (5, -25)), ((1.78, 4.04), (1, -2))]
+    forces = np.sum([force for _, force in loads], axis=0)
+    moments = sum(x * fy - y * fx for (x, y), (fx, fy) in loads)
+    size = 1e-10 * abs(forces).max()
+    assert foot[:2] + pin[:2] == pytest.approx(-forces, abs=size)
+    assert foot[2] + 4 * pin[1] - 7 * pin[0] == pytest.approx(-moments, abs=10 * size)
+    ends = solution.resultants(arm).at(np.array([0.0, 5.0]))
+    along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    assert ends.M[-1, 1] == pytest.approx(0.0, abs=size)
+    assert [ends.N[-1, 1], ends.Q[-1, 1]] == pytest.approx(
+        [along @ pin[:2], across @ pin[:2]], abs=size
+    )
+
+
 def test_energies_are_half_the_work_of_the_full_loads():
     u, _, _ = by_stiffness()
     scene, _ = frame()
