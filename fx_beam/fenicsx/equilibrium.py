@@ -37,6 +37,7 @@ from .newton import PetscOptions
 from .replaced_rows import ReplacedRows
 from .steps import Steps
 from .trial_step import TrialStep, trial_step
+from .versions import Mesh
 
 # Unknowns up to which all eigenvalues are found at once.
 _FEW = 200
@@ -64,12 +65,18 @@ class Equilibrium(Steps):
     comm : MPI.Comm, optional
         Processes that share the mesh and the matrices; by default this one alone.
 
+    mesh : dolfinx.mesh.Mesh, optional
+        The mesh of `beams_of`, to be that of the problem: if all beams are its cells, undivided and
+        rigid where they meet. By default the problem makes one.
+
     Attributes
     ----------
     mesh : dolfinx.mesh.Mesh
         Intervals in the plane: all elements of all beams. At joints vertices coincide.
     cell_tags : dolfinx.mesh.MeshTags
         Number of the beam of each cell, in the order of ``scene.beams``.
+    cell_map : (cells,) int array
+        The same as an array: of beams of `beams_of` the cell of its mesh.
     V : dolfinx function space
         Mixed space of displacement (2) and rotation.
     increment, start : dolfinx.fem.Function
@@ -117,13 +124,14 @@ class Equilibrium(Steps):
         petsc_options: PetscOptions | None = None,
         newton: NewtonOptions | None = None,
         comm: MPI.Comm = MPI.COMM_SELF,
+        mesh: Mesh | None = None,
     ):
         check_scene(scene, "fenicsx.Equilibrium")
         model, newton = Model(scene, AtRest()), newton or NewtonOptions()
         self._stats = stats_of(model, solver="PETSc", static=True)
         self._forcing = LoadForcing(model, float(t))
         loop = LoadLoop(self._forcing, newton, self._stats)
-        super().__init__(loop, newton, petsc_options, comm)
+        super().__init__(loop, newton, petsc_options, comm, mesh)
         self._loads = loop
         self._state = drawn_state(model)
         self._form.fields.end(self._state)

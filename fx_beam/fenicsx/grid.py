@@ -27,7 +27,7 @@ from .versions import (
     Element,
     MeshTags,
     cell_dofs,
-    cell_nodes,
+    cell_ends,
     cell_vertices,
     compiled_expression,
     count_cells,
@@ -44,22 +44,50 @@ class Grid:
     Values of elements (cells, ...) are in the scene's order, and of all of them.
     """
 
-    def __init__(self, scene: Scene, nodes: Mesh, beams: BeamForms, comm: MPI.Comm):
+    def __init__(
+        self,
+        scene: Scene,
+        nodes: Mesh,
+        beams: BeamForms,
+        comm: MPI.Comm,
+        mesh: dolfinx.mesh.Mesh | None = None,
+    ):
         self.scene, self._nodes, self.beams, self.comm = scene, nodes, beams, comm
         self.degree = degree = beams.kind.degree
         element = elements.lagrange(degree if nodes.curved else 1, 2)
         points = nodes.points.astype(np.int64)
+        if mesh is not None:
+            self._check(mesh)
         #: Intervals in the plane. At joints vertices coincide.
-        self.mesh = create_mesh(comm, points, nodes.X, element)
+        self.mesh = mesh or create_mesh(comm, points, nodes.X, element)
         #: Number in the scene of each element that this process has.
         self.cells = np.asarray(self.mesh.topology.original_cell_index)
-        X = self.mesh.geometry.x[cell_nodes(self.mesh, points.shape[1]), :2]
-        assert np.array_equal(X, nodes.X[points][self.cells])  # dolfinx keeps the order of nodes
+        if mesh is not None:
+            self.cells = np.arange(len(points))
+        X = self.mesh.geometry.x[cell_ends(self.mesh), :2]
+        assert np.array_equal(X, nodes.X[points[:, :2]][self.cells])  # dolfinx keeps their order
         #: Number of the beam of each element, and of the node at each vertex that is an end.
         self.cell_tags, self.end_tags = self.tagged(nodes.beam_of_cell), self._tagged_ends()
         # Compiled, by expression and points.
         self._expressions: dict[tuple[Expr, bytes], CompiledExpression] = {}
         self._spaces: dict[Element, fem.FunctionSpace] = {}
+
+    def _check(self, mesh: dolfinx.mesh.Mesh) -> None:
+        """Refuse a mesh whose cells are not the elements of the scene, one by one."""
+        ends = self._nodes.points[:, :2]
+        is_it = mesh.geometry.dim == 2 and mesh.topology.dim == 1 and mesh.comm.size == 1
+        if is_it and (rows := cell_ends(mesh)).shape == ends.shape:
+            pairs = np.unique(np.column_stack([rows.ravel(), ends.ravel()]), axis=0)
+            is_it = np.array_equal(mesh.geometry.x[rows, :2], self._nodes.X[ends])
+            is_it = is_it and all(len(np.unique(side)) == len(pairs) for side in pairs.T)
+            if is_it:
+                return
+        raise SceneError(
+            "fenicsx: mesh: its cells are not the elements of the scene. All beams must be those "
+            "of beams_of(scene, mesh, ..., elements=1) with this mesh in the plane, rigid where "
+            "they meet, on one process. Else leave out `mesh`: problem.cell_map has the cell of "
+            "each element"
+        )
 
     def space(self, element: Element) -> fem.FunctionSpace:
         """A function space, one for each element: it takes as long as several steps."""

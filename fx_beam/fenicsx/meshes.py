@@ -8,11 +8,72 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
+from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.mesh import MeshBeams
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 
-from .versions import Mesh, MeshTags, cell_nodes, count_cells
+from .versions import Mesh, MeshTags, cell_ends, cell_nodes, cell_vertices, fits
+
+
+class BeamsOfMesh(MeshBeams):
+    """Beams of the cells of a mesh of dolfinx, in their order, with tags of cells and points."""
+
+    def __init__(self, beams: MeshBeams, nodes: list[Node], mesh: Mesh, tags: np.ndarray | None):
+        super().__init__(nodes)
+        self.extend(beams)
+        self._mesh, self._tags = mesh, tags
+
+    def tagged(self, tag: int) -> list[Beam]:
+        """Beams of the cells with a tag.
+
+        Parameters
+        ----------
+        tag : int
+            A value of ``cell_tags``.
+
+        Returns
+        -------
+        list of Beams
+            In the order of the cells.
+
+        Raises
+        ------
+        SceneError
+            Where no cell has it, or the beams have no tags.
+        """
+        has_tag = [] if self._tags is None else (self._tags == tag).tolist()
+        if not any(has_tag):
+            raise SceneError(f"fenicsx: tagged: no cell has the tag {tag} in the cell_tags")
+        return [beam for beam, chosen in zip(self, has_tag, strict=True) if chosen]
+
+    def nodes_of(self, facet_tags: MeshTags, tag: int) -> list[Node]:
+        """Nodes at the points with a tag, such as supports.
+
+        Parameters
+        ----------
+        facet_tags : dolfinx.mesh.MeshTags
+            Tags of points of the mesh.
+        tag : int
+            One of their values.
+
+        Returns
+        -------
+        list of Nodes
+            In the order of the points.
+
+        Raises
+        ------
+        SceneError
+            For tags that are not those of points of this mesh, and where no point has it.
+        """
+        if facet_tags.dim != 0 or not fits(facet_tags, self._mesh):
+            raise SceneError("fenicsx: nodes_of: the tags must be those of points of the mesh")
+        vertices = facet_tags.indices[facet_tags.values == tag]
+        if not len(vertices):
+            raise SceneError(f"fenicsx: nodes_of: no point has the tag {tag}")
+        row = dict(zip(cell_vertices(self._mesh).flat, cell_ends(self._mesh).flat, strict=True))
+        return [self.nodes[row[vertex]] for vertex in vertices]
 
 
 def beams_of(
@@ -21,7 +82,7 @@ def beams_of(
     section: Section | Mapping[int, Section],
     cell_tags: MeshTags | None = None,
     **options: Any,
-) -> MeshBeams:
+) -> BeamsOfMesh:
     """Add a beam for each cell of a mesh of intervals to a scene.
 
     Parameters
@@ -39,15 +100,20 @@ def beams_of(
 
     Returns
     -------
-    MeshBeams
+    list of Beams
         The beams in the order of the cells; ``beams.nodes[i]`` is the node at row i of
-        ``mesh.geometry.x``.
+        ``mesh.geometry.x``, None in the middle of a line. ``beams.tagged(2)`` are the beams of
+        cells with a tag, ``beams.nodes_of(facet_tags, 7)`` the nodes at points with one.
 
     Raises
     ------
     SceneError
         For cells that are no straight intervals, a part of a mesh, cells without a tag, and for
         what `Scene.add_mesh` refuses.
+
+    Notes
+    -----
+    Lines of second order, as of gmsh, become elements of degree 2.
 
     Examples
     --------
@@ -60,9 +126,14 @@ def beams_of(
     >>> len(beams), len(scene.nodes)
     (3, 4)
     """
-    count, nodes = mesh.topology.index_map(1), mesh.geometry.x
-    if mesh.topology.dim != 1 or cell_nodes(mesh, 1).size != 2 * count_cells(mesh)[1]:
-        raise SceneError("fenicsx: beams_of: the cells of the mesh must be straight intervals")
+    count, X = mesh.topology.index_map(mesh.topology.dim), mesh.geometry.x[:, :2]
+    rows = cell_nodes(mesh) if mesh.topology.dim == 1 else np.zeros((1, 4), int)
+    middles, inner = X[rows[:, :2]].mean(axis=1, keepdims=True), rows[:, 2:]
+    if inner.shape[1] > 1 or (abs(X[inner] - middles) > 1e-9 * np.ptp(X)).any():
+        raise SceneError(
+            "fenicsx: beams_of: the cells of the mesh must be straight intervals of order 1 or 2, "
+            "with nodes in their middle. Curved members: scene.add_beam"
+        )
     if count.size_global != count.size_local:
         raise SceneError(
             "fenicsx: beams_of: this process has a part of the mesh. Read it on each process as a "
@@ -72,4 +143,13 @@ def beams_of(
     if cell_tags is not None:
         tags = np.full(count.size_local, np.iinfo(np.int32).min)
         tags[cell_tags.indices] = cell_tags.values
-    return scene.add_mesh(nodes[:, :2], cell_nodes(mesh, 2), section, tags=tags, **options)
+        if not isinstance(section, Mapping):
+            section = dict.fromkeys(tags.tolist(), section)
+    if inner.size:
+        options = {"elements": 1, "degree": 2} | options
+    points, cells = np.unique(rows[:, :2], return_inverse=True)
+    beams = scene.add_mesh(X[points], cells.reshape(-1, 2), section, tags=tags, **options)
+    nodes: list[Any] = [None] * len(X)
+    for row, node in zip(points, beams.nodes, strict=True):
+        nodes[row] = node
+    return BeamsOfMesh(beams, nodes, mesh, tags)

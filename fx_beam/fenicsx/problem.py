@@ -35,6 +35,7 @@ from .newton import PetscOptions
 from .replaced_rows import ReplacedRows
 from .steps import Steps
 from .trial_step import TrialStep, trial_step
+from .versions import Mesh
 
 
 class Problem(Steps):
@@ -65,12 +66,18 @@ class Problem(Steps):
         Processes that share the mesh and the matrices; each has the whole scene, and its states. By
         default this process alone.
 
+    mesh : dolfinx.mesh.Mesh, optional
+        The mesh of `beams_of`, to be that of the problem: if all beams are its cells, undivided and
+        rigid where they meet. By default the problem makes one.
+
     Attributes
     ----------
     mesh : dolfinx.mesh.Mesh
         Intervals in the plane: all elements of all beams. At joints vertices coincide.
     cell_tags : dolfinx.mesh.MeshTags
         Number of the beam of each cell, in the order of ``scene.beams``.
+    cell_map : (cells,) int array
+        The same as an array: of beams of `beams_of` the cell of its mesh.
     V : dolfinx function space
         Mixed space of displacement (2) and rotation.
     increment, start : dolfinx.fem.Function
@@ -122,6 +129,7 @@ class Problem(Steps):
         newton: NewtonOptions | None = None,
         max_halvings: int = 0,
         comm: MPI.Comm = MPI.COMM_SELF,
+        mesh: Mesh | None = None,
     ):
         check_scene(scene, "fenicsx.Problem")
         options = Options(
@@ -132,7 +140,7 @@ class Problem(Steps):
             max_halvings=max_halvings,
         )
         self._prepared = prepared = Prepared(Model(scene, options.scheme), options)
-        super().__init__(prepared.loop, options.newton, petsc_options, comm)
+        super().__init__(prepared.loop, options.newton, petsc_options, comm, mesh)
         #: Length of a step [s].
         self.dt: float = options.dt
         prepared.stats.solver = "PETSc"

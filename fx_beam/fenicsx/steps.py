@@ -25,6 +25,7 @@ from .form import Resultants, StepForm, StrainEnergy
 from .grid import Grid
 from .newton import Newton, PetscOptions
 from .system import System
+from .versions import Mesh
 
 
 class Steps:
@@ -39,12 +40,13 @@ class Steps:
         newton: NewtonOptions,
         petsc_options: PetscOptions | None,
         comm: MPI.Comm,
+        mesh: Mesh | None,
     ):
         model, beams = loop.model, loop.model.forms.beams
         if beams is None:
             raise SceneError("fenicsx: the scene has no beams, of which a mesh could be made")
         self._options = newton, petsc_options or {}
-        grid = Grid(model.scene, model.mesh, beams, comm)
+        grid = Grid(model.scene, model.mesh, beams, comm, mesh)
         self._set_form(StepForm(model, grid), loop)
 
     def _set_form(self, form: StepForm, loop: CompiledLoop) -> None:
@@ -53,6 +55,7 @@ class Steps:
         self._form, fields = form, form.fields
         self._equations = Equations(Assembly(form, loop.model), loop, newton.max_turn)
         self.mesh, self.cell_tags = form.grid.mesh, form.grid.cell_tags
+        self.cell_map = loop.model.mesh.beam_of_cell[form.grid.cells]
         self.system = System(self._equations)
         self._newton = Newton(self._equations, newton, petsc_options)
         self.snes = self._newton.snes

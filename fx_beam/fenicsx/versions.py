@@ -110,11 +110,16 @@ def cell_dofs(space: fem.FunctionSpace) -> np.ndarray:
     return (size * dofs[..., None] + np.arange(size)).reshape(-1, size * width)
 
 
-def cell_nodes(mesh: Mesh, width: int) -> np.ndarray:
-    """Numbers (cells, width) of the nodes of cells among `mesh.geometry.x`."""
+def cell_nodes(mesh: Mesh) -> np.ndarray:
+    """Numbers (cells, width) of the nodes of cells among `mesh.geometry.x`, ends first."""
     geometry = mesh.geometry
     dofs = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
-    return _rows(dofs, width)
+    return np.asarray(getattr(dofs, "array", dofs)).reshape(max(count_cells(mesh)[1], 1), -1)
+
+
+def cell_ends(mesh: Mesh) -> np.ndarray:
+    """Numbers (cells, 2) of the nodes at the ends of cells."""
+    return cell_nodes(mesh)[:, :2]
 
 
 def cell_vertices(mesh: Mesh) -> np.ndarray:

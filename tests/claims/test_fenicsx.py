@@ -21,6 +21,9 @@ import dolfinx  # noqa: E402
 import ufl  # noqa: E402
 from dolfinx import fem  # noqa: E402
 
+from fx_beam.fem.elements import lagrange  # noqa: E402
+from fx_beam.fenicsx.versions import create_mesh  # noqa: E402
+
 space = getattr(fem, "functionspace", fem.FunctionSpace)
 
 SECTION = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
@@ -962,6 +965,61 @@ def test_a_mesh_of_dolfinx_is_beams_with_sections_by_tags():
         fenicsx.beams_of(fb.Scene(), mesh, {4: SECTION}, few)
     square = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 1, 1)
     assert_refused("straight intervals", lambda: fenicsx.beams_of(fb.Scene(), square, SECTION))
+
+
+def branches(order):
+    """A mesh of three lines from one point, two of them with the tag 2."""
+    X = np.array([(0, 0), (1, 0), (2, 0.5), (1, 1.0)])
+    cells = np.array([(0, 1), (1, 2), (1, 3)])
+    if order == 2:
+        X, cells = np.vstack([X, X[cells].mean(axis=1)]), np.column_stack([cells, 4 + np.arange(3)])
+    mesh = create_mesh(MPI.COMM_SELF, cells, X, lagrange(order, 2))
+    numbers = np.asarray(mesh.topology.original_cell_index)
+    tags = np.array([1, 2, 2], np.int32)[numbers]
+    return mesh, dolfinx.mesh.meshtags(mesh, 1, np.arange(3, dtype=np.int32), tags)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_mesh_of_ones_own_is_that_of_the_problem(order):
+    mesh, tags = branches(order)
+    scene = fb.Scene(gravity=(0, -9.81))
+    beams = fenicsx.beams_of(scene, mesh, SECTION, tags, elements=1)
+    assert {beam.degree for beam in beams} == {order}
+    assert sorted(beam.end.x for beam in beams.tagged(2)) == [1.0, 2.0]
+    assert_refused("no cell has the tag 3", beams.tagged, 3)
+    left = dolfinx.mesh.locate_entities(mesh, 0, lambda x: x[0] < 1e-9).astype(np.int32)
+    points = dolfinx.mesh.meshtags(mesh, 0, left, np.array([7], np.int32))
+    (node,) = beams.nodes_of(points, 7)
+    assert (node.x, node.y) == (0.0, 0.0)
+    assert_refused("no point has the tag 8", beams.nodes_of, points, 8)
+    assert_refused("those of points", beams.nodes_of, tags, 2)
+    scene.clamp(node)
+    engine = fb.simulate(scene, dt=DT, t_end=T_END)
+    problem = fenicsx.Problem(scene, dt=DT, mesh=mesh)
+    assert problem.mesh is mesh
+    assert_same(problem.run(T_END), engine, 1e-11)
+    stiffness = fem.Function(space(mesh, ("Lagrange", 1)))
+    stiffness.x.array[:] = 5.0
+    equilibria = fenicsx.Equilibrium(scene, mesh=mesh), fenicsx.Equilibrium(scene)
+    for k, equilibrium in zip((stiffness, 5.0), equilibria, strict=True):
+        step = equilibrium.step
+        equilibrium.add(k * ufl.dot(step.u, step.virtual_u) * equilibrium.dx)
+    own, made = (equilibrium.run(2).q for equilibrium in equilibria)
+    np.testing.assert_allclose(own, made, rtol=0, atol=1e-12)
+
+
+def test_a_mesh_with_other_cells_is_refused_and_mapped():
+    mesh, _ = branches(1)
+    for options in ({"elements": 2}, {"elements": 1, "joints": "pin"}):
+        scene = fb.Scene()
+        beams = fenicsx.beams_of(scene, mesh, SECTION, **options)
+        scene.clamp(beams[0].start)
+        assert_refused("are not the elements", fenicsx.Problem, scene, dt=DT, mesh=mesh)
+        cells = fenicsx.Problem(scene, dt=DT).cell_map
+        assert sorted(cells) == sorted(options["elements"] * [0, 1, 2])
+    X, cells = np.array([(0, 0), (1, 0), (0.5, 0.1)]), np.array([(0, 1, 2)])
+    bent = create_mesh(MPI.COMM_SELF, cells, X, lagrange(2, 2))
+    assert_refused("straight intervals", fenicsx.beams_of, fb.Scene(), bent, SECTION)
 
 
 def test_a_mesh_that_branches_moves_as_in_the_engine():
