@@ -7,9 +7,11 @@ from typing import NamedTuple
 from petsc4py import PETSc
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.laws.interval import Interval
+from fx_beam.laws.interval import Interval, StepBatch, instant
+from fx_beam.results.state import State
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.loop import CompiledLoop
@@ -20,6 +22,8 @@ from .unknowns import Unknowns, unknowns_of
 
 # Change of the load factor by which derivatives are found as differences.
 _APART = 1e-5
+# Length [s] of a step in which inertia and dampers give no forces.
+_SLOW = 1e12
 
 
 class NoConfigurationError(Exception):
@@ -73,8 +77,8 @@ class Equations:
         if form.natural is not None:
             self._natural = form.grid.at_points([form.natural])
 
-    def begin(self, dt: float) -> bool:
-        """Begin a sub-step at the state in C; whether other unknowns are the independent ones."""
+    def begin(self, dt: float) -> None:
+        """Begin a sub-step at the state in C."""
         reduction, strains = self.model.reduction, self.model.data.natural
         # The end less the start differs from dt by round-off, which would count as work.
         interval = self.loop.interval(dt)
@@ -90,10 +94,12 @@ class Equations:
             increment = reduction.increment(self._y, self._driven)
             led = self._inertia.begin(start, interval.length, increment)
             self.assembly.fields.lead(led)
-        if np.array_equal(reduction.independent, self.unknowns.independent):
-            return False
-        self.unknowns = unknowns_of(self.assembly)
-        return True
+        self._choose_unknowns()
+
+    def _choose_unknowns(self) -> None:
+        """Have other unknowns where joints have other independent ones."""
+        if not np.array_equal(self.model.reduction.independent, self.unknowns.independent):
+            self.unknowns = unknowns_of(self.assembly)
 
     @property
     def y(self) -> np.ndarray:
@@ -132,6 +138,28 @@ class Equations:
             K = K + members.tangent()
         self.unknowns.assemble(K, self._y, self._driven, self.forces)
         return self.unknowns.A
+
+    @property
+    def mass(self) -> scipy.sparse.csr_matrix:
+        """Mass matrix (size, size) of beams and lumped masses."""
+        return self.model.masses.matrix
+
+    def stiffness(self, state: State) -> PETSc.Mat:
+        """The reduced tangent for slow motions about a state, of a scheme of the package."""
+        model, interval = self.model, instant(state.t, _SLOW)
+        still = state.changed(v=0 * state.v, a=0 * state.a)
+        model.reduction.begin(state.q, state.slides)
+        self.assembly.fields.begin(interval, still, state.natural)
+        batch = StepBatch.single(state.t, _SLOW, q=still.q, v=still.v, slides=still.slides)
+        model.forms.compiled_points.begin(interval, batch)
+        if self._inertia is not None:
+            self._inertia.begin(still, _SLOW)
+        self._y, self._driven = np.zeros(model.reduction.free), np.zeros(model.reduction.driven)
+        self._choose_unknowns()
+        self.evaluate(self.y)
+        K = self.tangent().copy()
+        K.scale(1 / model.scheme.rates.level)
+        return K
 
     def load_slope(self, forcing: LoadForcing) -> np.ndarray:
         """Derivative (n,) of the reduced residual by the load factor, in statics."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
@@ -15,7 +14,7 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
 
-from fx_beam.errors import SceneError, require, warn_once
+from fx_beam.errors import require, warn_once
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Equilibrium as AtRest
 from fx_beam.motions.evaluation import solution_of
@@ -33,6 +32,7 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
 
+from .modes import Modes, eigenpairs, modes_of
 from .newton import PetscOptions
 from .replaced_rows import ReplacedRows
 from .steps import Steps
@@ -315,25 +315,26 @@ class Equilibrium(Steps):
         SceneError
             Without SLEPc (Debian's python3-slepc4py), or without mass.
         """
-        if importlib.util.find_spec("slepc4py") is None:
-            raise SceneError("fenicsx: eigenvalues need SLEPc: install Debian's python3-slepc4py")
-        from slepc4py import SLEPc
+        pairs = eigenpairs(self._equations, self._equations.tangent(), n)
+        return np.array([square for square, _ in pairs])
 
-        unknowns, mass = self._equations.unknowns, self._equations.model.masses.matrix
-        M = (unknowns.Tv.T @ mass @ unknowns.T).tocsr()
-        if not abs(M).sum():
-            raise SceneError("fenicsx: eigenvalues: the scene has no mass. Give rhoA, or add_mass")
-        solver = SLEPc.EPS().create(self.mesh.comm)
-        solver.setOperators(self._equations.tangent(), unknowns.matrix(M))
-        solver.setDimensions(n)
-        solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-        solver.setTarget(0.0)
-        transform = solver.getST()
-        transform.setType("sinvert")
-        pc = transform.getKSP().getPC()
-        pc.setType("lu")
-        if self.mesh.comm.size > 1:
-            pc.setFactorSolverType("mumps")
-        solver.solve()
-        count = min(n, solver.getConverged())
-        return np.sort_complex(np.array([solver.getEigenvalue(i) for i in range(count)]))
+    def modes(self, n: int = 4) -> Modes:
+        """Small undamped motions about the last equilibrium, by SLEPc.
+
+        Parameters
+        ----------
+        n : int
+            How many, from the lowest frequency on.
+
+        Returns
+        -------
+        named tuple
+            ``frequencies`` (n,) [Hz], and ``functions``, of which each has displacement and
+            rotation in `V`, with modal mass 1.
+
+        Raises
+        ------
+        SceneError
+            Where a motion grows, without SLEPc, and without mass.
+        """
+        return modes_of(self._equations, self._equations.tangent(), n)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError, require
+from fx_beam.fem.beam_data import CONSTANTS
 from fx_beam.fem.weak_form import WeakForm
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.kinematics import Step
@@ -55,6 +56,9 @@ class StepFields:
         self._internal, self._parameters = data.internal, data.parameters
         #: Accelerations beside those of the rule, of what driven motions alone move.
         self.led = fem.Function(self.V)
+        # Values of Constants of the step, and q (size,) at its start, as they were set last.
+        self._step_numbers = dict.fromkeys(CONSTANTS, 0.0)
+        self._start_q = np.zeros(model.size)
         #: What takes the place of each symbol of the start in a form of the end.
         self.ends = {fields.start: self.q, fields.natural[0]: fields.natural[1]}
         if self._internal is not None:
@@ -69,11 +73,10 @@ class StepFields:
     def begin(self, interval: Interval, state: State, natural: np.ndarray | None) -> None:
         """Set the start of a step, and natural strains (cells, degree, 3) at its end."""
         fields, rates = self.symbols, self._rates
-        fields.time.value = interval.at(rates.level)
-        fields.dt.value = 1.0 if rates.at_rest else interval.length
-        fields.load_factor.value = interval.end if rates.at_rest else 1.0
-        fields.load_increment.value = interval.length
-        fields.memory.value = state.memory(interval.length)
+        length, factor = interval.length, interval.end if rates.at_rest else 1.0
+        self._set_numbers(time=interval.at(rates.level), dt=1.0 if rates.at_rest else length)
+        self._set_numbers(load_factor=factor, load_increment=length, memory=state.memory(length))
+        self._start_q = state.q
         v, a = fields.start_rates
         q_previous = state.q if state.q_previous is None else state.q_previous
         self._fill_nodes(fields.start, state.q)
@@ -93,7 +96,7 @@ class StepFields:
 
     def set_load(self, factor: float, natural: np.ndarray | None) -> None:
         """Set load factor and natural strains at the end of a load step."""
-        self.symbols.load_factor.value = factor
+        self._set_numbers(load_factor=factor)
         if natural is not None:
             self._grid.fill(self.symbols.natural[1], natural)
 
@@ -109,15 +112,31 @@ class StepFields:
             self._grid.fill(self.symbols.natural[1], state.natural)
         self._set_parameters(state.parameters)
 
+    def _set_numbers(self, **values: float) -> None:
+        """Set Constants of a step."""
+        self._step_numbers |= values
+        for name, value in values.items():
+            getattr(self.symbols, name).value = value
+
     def refuse_writes(self, state: State) -> None:
-        """Refuse values that a user has written into q, v or a, which no step would read."""
-        for function, values in zip(self.state, (state.q, state.v, state.a), strict=False):
-            # Bytes are the same also where values are not finite.
-            if function.x.array.tobytes() != values[self.V_numbers].tobytes():
-                raise SceneError(
-                    f"fenicsx: what was written into problem.{function.name} would be lost. Give "
-                    "a state of your own to Problem.set_state(q=, v=)"
-                )
+        """Refuse values that a user has written into fields, which no step would read."""
+        functions = (*self.state, self.symbols.start)
+        values = [x[self.V_numbers] for x in (state.q, state.v, state.a, state.q, self._start_q)]
+        values[3] = values[3][self._u_dofs]
+        # Bytes are the same also where values are not finite.
+        written = [
+            f"problem.{function.name}"
+            for function, known in zip(functions, values, strict=True)
+            if function.x.array.tobytes() != known.tobytes()
+        ]
+        for name, number in self._step_numbers.items():
+            if getattr(self.symbols, name).value != number:
+                written.append(f"the Constant {name} of the step")
+        if written:
+            raise SceneError(
+                f"fenicsx: what was written into {written[0]} would be lost. Give a state of your "
+                "own to Problem.set_state(q=, v=), and a length to advance(dt)"
+            )
 
     def in_scene(
         self, values: fem.Function | ArrayLike, others: np.ndarray, name: str

@@ -50,7 +50,8 @@ class Newton:
 
     def _find(self, dt: float, iterations: MutableSequence[int]) -> int:
         """The increment of a sub-step, from the state in the memory of C, and into it."""
-        if self._equations.begin(dt):
+        self._equations.begin(dt)
+        if self._unknowns is not self._equations.unknowns:
             self.snes.reset()
             self._set_functions()
         return self.own(dt) if self.own else self._solve(dt, iterations)
@@ -102,7 +103,8 @@ class Newton:
     # -- What SNES calls ---------------------------------------------------------------------------
 
     def _set_functions(self) -> None:
-        A = self._equations.unknowns.A
+        self._unknowns = self._equations.unknowns
+        A = self._unknowns.A
         self.snes.setFunction(lambda snes, x, b: self.residual(x, b), A.createVecLeft())
         self.snes.setJacobian(lambda *_: self._equations.tangent(), A)
 

@@ -31,6 +31,7 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorded_histories import slides_near
 from fx_beam.step.recorder import NullRecorder, Record, Recorder
 
+from .modes import Modes, modes_of
 from .newton import PetscOptions
 from .replaced_rows import ReplacedRows
 from .steps import Steps
@@ -305,6 +306,38 @@ class Problem(Steps):
         warn_of_parts(stats, self.dt)
         warn_of_rounding(stats)
         return solution()
+
+    def modes(self, n: int = 4) -> Modes:
+        """Small undamped motions about the present state, as if it were at rest, by SLEPc.
+
+        Parameters
+        ----------
+        n : int
+            How many, from the lowest frequency on.
+
+        Returns
+        -------
+        named tuple
+            ``frequencies`` (n,) [Hz], and ``functions``, of which each has displacement and
+            rotation in `V`, with modal mass 1.
+
+        Raises
+        ------
+        SceneError
+            Where a motion grows; with internal variables, and with terms, forms, resultants or a
+            scheme of your own, of which the stiffness is not known: use `Equilibrium.modes`. Also
+            without SLEPc, and without mass.
+        """
+        equations, state = self._equations, self._state
+        model, scheme = equations.model, equations.model.scheme
+        varies = state.internal is not None or model.points.width
+        if varies or self._form.has_further or not scheme.built_in or model.forms.keeps_previous:
+            raise SceneError(
+                "fenicsx: modes: with internal variables, friction, and terms, resultants or a "
+                "scheme of your own or with losses, the stiffness is not known in a motion. Use "
+                "Equilibrium.modes"
+            )
+        return modes_of(equations, equations.stiffness(state), n)
 
     def _hold_in_an_instant(self) -> None:
         """Have the step of an instant in the fields: replaced resultants may depend on rates."""

@@ -839,6 +839,15 @@ def test_what_is_written_into_the_state_is_refused_and_not_lost():
             problem = make()
             getattr(problem, name).sub(1).interpolate(lambda x: 1 + x[0])
             assert_refused(f"written into problem.{name}", problem.advance, 0.1)
+        for number in ("dt", "t", "load_factor"):
+            problem = make()
+            problem.advance(0.1)
+            getattr(problem.step, number).value = 0.07
+            assert_refused("written into the Constant", problem.advance, 0.2)
+        for name in ("u", "start"):
+            problem = make()
+            getattr(problem, name).x.array[-1] = 1.0
+            assert_refused(f"written into problem.{name}", problem.advance, 0.1)
     problem = fenicsx.Problem(scene, dt=DT)
     for value in (
         np.zeros((3, 3)),
@@ -943,6 +952,55 @@ def test_squares_of_frequencies_are_those_of_modes():
     modes = fb.modes(scene, state=state, n=3)
     omega = 2 * np.pi * modes.frequencies
     np.testing.assert_allclose(equilibrium.eigenvalues(3).real, omega**2, rtol=1e-6)
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT(-0.2)])
+def test_modes_are_those_of_the_engine_with_shapes_of_modal_mass_one(scheme):
+    pytest.importorskip("slepc4py")
+
+    def sliding(**laws):
+        scene, beam = cantilever(8)
+        rod = scene.add_beam([(1, 0), (1, -0.5)], SECTION, 3)
+        laws["spring"] = fb.Spring(50.0)
+        scene.add_joint(fb.Prismatic(beam.end, rod.start, axis=(1, 0.2), **laws))
+        scene.add_force(beam.end, (0, -50.0))
+        return scene
+
+    plain, scene = sliding(), sliding(damper=fb.Damper(0.3))
+    state = fb.static(scene, load_steps=2)
+    engine = fb.modes(plain, state=fb.static(plain, load_steps=2), n=3).frequencies
+    equilibrium = fenicsx.Equilibrium(scene)
+    equilibrium.run(load_steps=2)
+    modes = equilibrium.modes(3)
+    np.testing.assert_allclose(modes.frequencies, engine, rtol=1e-6)
+    problem = fenicsx.Problem(scene, scheme, dt=DT)
+    problem.start_from(state)
+    moving = problem.modes(3)
+    np.testing.assert_allclose(moving.frequencies, engine, rtol=1e-6)
+    mass = problem.system.M
+    for shape in moving.functions:
+        x, y = mass.createVecs()
+        x.array[problem.system.dofs] = shape.x.array
+        mass.mult(x, y)
+        assert x.dot(y) == pytest.approx(1.0)
+    problem.run(T_END)  # as without modes
+    problem.add(problem.step.u[0] * problem.step.virtual_u[0] * problem.dx)
+    assert_refused("Use Equilibrium.modes", problem.modes)
+
+
+def test_modes_that_grow_are_refused_and_a_foundation_is_in_others():
+    pytest.importorskip("slepc4py")
+    scene, bar = clamped_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=2.0), 8)
+    scene.add_force(bar.end, (-4.0, 1e-3))
+    equilibrium = fenicsx.Equilibrium(scene)
+    equilibrium.advance(1.0)
+    assert_refused("a motion grows", equilibrium.modes)
+    # On a foundation k all squares of frequencies are greater by k / rhoA, but for rotary inertia.
+    before, step = equilibrium.eigenvalues(2).real, equilibrium.step
+    equilibrium.add(400.0 * ufl.dot(step.u, step.virtual_u) * equilibrium.measure(points=2))
+    equilibrium.advance(1.0 + 1e-9)
+    after = (2 * np.pi * equilibrium.modes(2).frequencies) ** 2
+    np.testing.assert_allclose(after, before + 200.0, rtol=2e-3)
 
 
 # -- Meshes ----------------------------------------------------------------------------------------
