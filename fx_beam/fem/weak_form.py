@@ -166,8 +166,8 @@ class WeakForm:
 
         self._held_before = of_scheme("held_before")
         pairs = [*zip(laws.laws, laws.measures, strict=True)]
-        energy = self.kind.scheme.stored_energy
-        stored = sum(energy(law.start, step.strains0) * dx for law, dx in pairs)
+        energy = self.kind.scheme.energy or (lambda law, *strains: law.energy(*strains))
+        stored = sum(energy(law.start, *step.strains0) * dx for law, dx in pairs)
         lost = sum(loss * dx for n, (_, dx) in enumerate(pairs) for loss in self._losses_of(n))
         full = self.fields.measure(self.fields.degree + 1)  # exact for products of two fields
         #: Apart, as FFCx confuses two rules in one form if one of them has a single point.

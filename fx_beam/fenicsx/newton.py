@@ -113,7 +113,9 @@ class Newton:
         self.snes.setLineSearchPreCheck(self._shorten)
         if not _TOLERANCES & options.keys():
             self.snes.setConvergenceTest(self._converged)
-        values = _OPTIONS | {"snes_max_it": self._newton.max_iterations}
+        values: PetscOptions = {**_OPTIONS}
+        if "snes_type" not in options:  # another method has its own number
+            values["snes_max_it"] = self._newton.max_iterations
         if self.snes.comm.size > 1 or self._equations.unknowns.size > _MANY:
             values["pc_factor_mat_solver_type"] = "mumps"
         database, prefix = PETSc.Options(), f"fx_beam_{next(_numbers)}_"
@@ -167,4 +169,4 @@ class Newton:
         judge, convergence = self._judge
         if judge(self._c, convergence, iteration, self._shortened):
             return reasons.CONVERGED_SNORM_RELATIVE
-        return None if iteration < self._newton.max_iterations else reasons.DIVERGED_MAX_IT
+        return None

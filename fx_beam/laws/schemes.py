@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
@@ -120,11 +119,6 @@ class Scheme:
             _check_strains(self.strains)
         if self.energy is not None:
             check_takes(self.energy, "law, eps, gamma, kappa", "Scheme: energy")
-
-    def stored_energy(self, law: Law, strains: Sequence[Expr]) -> Expr:
-        """Stored energy of a law per length [J/m]."""
-        energy = law.energy if self.energy is None else partial(self.energy, law)
-        return ufl.as_ufl(energy(*strains))
 
     def written(self, format: str = "text") -> str:
         """Write the weak form of a step as on paper, by the functions that are compiled.

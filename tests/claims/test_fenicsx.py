@@ -656,6 +656,19 @@ def test_a_search_ends_where_the_forces_are_in_balance_already(options):
     np.testing.assert_allclose(at_rest.q, 0 * at_rest.q + engine.q[-1], rtol=0, atol=1e-9)
 
 
+def test_a_method_of_petsc_has_as_many_iterations_as_it_needs():
+    """A trust region takes 42 from load factor 0 to 0.5, but was ended after 40."""
+    scene, beam = clamped_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=10.0), 6)
+    scene.add_force(beam.end, (0, -2.5))
+    newton = fenicsx.Equilibrium(scene)
+    newton.advance(1.0)
+    few, most = fb.NewtonOptions(max_iterations=3), {"snes_max_it": 12}
+    for options in ({"snes_type": "newtontr"}, most):
+        other = fenicsx.Equilibrium(scene, petsc_options=options, newton=few)
+        other.advance(1.0)
+        np.testing.assert_allclose(other.q.x.array, newton.q.x.array, rtol=0, atol=1e-9)
+
+
 def test_a_correction_that_is_not_finite_is_no_loop_that_cannot_be_closed():
     scene, _ = cantilever()
     problem = fenicsx.Problem(scene, dt=DT, petsc_options={"snes_linesearch_damping": np.inf})
