@@ -76,3 +76,14 @@ def test_a_damaged_cantilever_goes_to_its_elastica_with_the_square_of_the_mesh(d
     coarse, middle, fine = damaged_beam["pulled"]["distance from it"].values()
     assert coarse / middle == approx(4, rel=0.1) and middle / fine == approx(4, rel=0.15)
     assert fine < 2e-4
+
+
+# -- own_form
+
+
+def test_a_form_and_an_arc_length_of_ones_own_meet_the_closed_form(own_form):
+    assert own_form["past both limit points"]
+    for what in ("force", "engine", "energy"):
+        assert own_form[f"{what} less closed form, relative"] < 1e-11
+    limit = own_form["limit point by fb.static [N]"]
+    assert limit == approx(own_form["largest force, closed form [N]"], rel=1e-8)
