@@ -3,6 +3,7 @@
 
 from . import materials as materials, plot as plot
 from .derivatives.harmonic_response import HarmonicResponse as HarmonicResponse
+from .derivatives.influence import InfluenceLines as InfluenceLines, influence as influence
 from .derivatives.modal_response import ModalResponse as ModalResponse
 from .derivatives.periodic_response import PeriodicResponse as PeriodicResponse
 from .derivatives.response import Response as Response

@@ -9,12 +9,12 @@ import numpy as np
 
 from fx_beam.equilibria.path_equations import PathEquations
 from fx_beam.equilibria.small_loads import SmallForces
-from fx_beam.errors import SceneError, require
+from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Rest
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.prepared import stats_of
 from fx_beam.results.state import State
-from fx_beam.scene.outputs import Output, check_differentiable, check_outputs, quantity_of
+from fx_beam.scene.outputs import Output, check_linear
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.newton import NewtonOptions
@@ -24,20 +24,13 @@ from .linearisation import Linearisation
 
 # Error of first-order equilibrium from which on forces are not those of the stiffness.
 _AGREE = 1e-6
-# Histories that no acceleration changes to first order, or of which statics knows nothing.
-_NOT_LINEAR = "v", "line_energies"
 
 
 def inertia_outputs(
     about: Linearisation, accelerations: np.ndarray, outputs: Mapping[str, Output]
 ) -> dict[str, np.ndarray]:
     """Changes (n, ...) of outputs, by name, under forces -M a, a (n, n_node, 3)."""
-    check_outputs(about.scene, outputs, "spectrum: outputs")
-    for name, output in outputs.items():
-        label = f"spectrum: output {name!r}"
-        check_differentiable(output, label)
-        is_linear = quantity_of(output).of not in _NOT_LINEAR
-        require(is_linear, label, str(output), "a place, an acceleration, a force or a stress")
+    check_linear(about.scene, outputs, "spectrum")
     if about.frame is not None:
         raise SceneError("spectrum: the state turns. Take modes of a state at rest")
     model, start = about.model, replace(about.start, t=about.factor)

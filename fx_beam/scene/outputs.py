@@ -315,6 +315,16 @@ def check_outputs(scene, outputs, subject: str) -> None:
         check_output(scene, output, label)
 
 
+def check_linear(scene, outputs, caller: str) -> None:
+    """Refuse outputs that do not change with small loads, or of which statics knows nothing."""
+    check_outputs(scene, outputs, f"{caller}: outputs")
+    for name, output in outputs.items():
+        label = f"{caller}: output {name!r}"
+        check_differentiable(output, label)
+        ok = quantity_of(output).of not in ("v", "line_energies")
+        require(ok, label, str(output), "no rate and no energy, but a place, a force or a stress")
+
+
 def check_output(scene, output: Output, name: str) -> None:
     """Refuse an output of another scene or of its nodes and joints, or one that its joint lacks."""
     if isinstance(output.of, Node):

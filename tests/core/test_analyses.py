@@ -103,6 +103,16 @@ def test_an_envelope_has_the_extremes_and_the_cases_that_give_them():
         assert_refused(words, fb.envelope, cases_or_none, part)
 
 
+def test_an_influence_line_has_the_ordinates_of_a_cantilever():
+    scene, beam = clamped_bar((4, 0), fb.Section(EA=1e6, GA=1e6, EI=1e4), 5)
+    outputs = {"clamp": fb.Output("reaction", beam.start), "M": fb.Output("M", beam.at(1.0))}
+    lines = fb.influence(scene, outputs, beam, s=[0.0, 0.5, 1.5, 4.0])
+    assert isinstance(lines, fb.InfluenceLines)
+    assert lines.values["clamp"][:, 1] == pytest.approx(1.0)
+    assert lines.values["clamp"][:, 2] == pytest.approx([0.0, 0.5, 1.5, 4.0], abs=1e-9)
+    assert abs(lines.values["M"]) == pytest.approx([0.0, 0.0, 0.5, 3.0], abs=1e-9)
+
+
 def test_effective_masses_of_a_cantilever_are_those_of_its_closed_form():
     """Of a slender uniform cantilever: 0.6131, 0.1883, 0.0647 (Clough & Penzien, Dynamics)."""
     scene, beam = clamped_bar((0, 1), fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=1.0), 64)
