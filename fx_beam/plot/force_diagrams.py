@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgba
@@ -28,10 +29,12 @@ _DENSE = 10.0  # distance between members below which their lines are thinner [p
 _PIECES = 8  # of an element
 _FINE = 64  # of an element in which an extreme value is sought
 _NAMED = 12  # members up to which each has its extreme value written beside it
+# Solutions and their rows.
+_Cases = list[tuple[Solution, list[int]]]
 
 
 def diagrams(
-    solution: Solution,
+    solution: Solution | Sequence[Solution],
     path: Path | str | None = None,
     row: int | None = None,
     quantities: Sequence[str] = RESULTANTS,
@@ -46,15 +49,18 @@ def diagrams(
     members only the extreme values of the frame. Values follow from the balance of each element, as
     `BeamResultants.at` has them: at a clamp they are the reaction, at a free end zero.
 
+    Of several solutions it is the envelope: largest and least values over all their rows, on the
+    members as they start. Beside an extreme value is the number of the solution that gives it.
+
     Parameters
     ----------
-    solution : Solution
-        The motion, or the equilibria.
+    solution : Solution or sequence of Solution
+        The motion, or the equilibria; or several load cases or motions of one scene.
     path : str or path, optional
         Picture to write; its ending gives the format.
     row : int, optional
         Row of `Solution.t`, by default the last. In a motion the values are means over the step
-        that ends there, see `Solution.t_level`.
+        that ends there, see `Solution.t_level`. Left out of an envelope.
     quantities : sequence of {"N", "Q", "M"}
         The panels, from left to right.
     deformed : bool
@@ -73,17 +79,17 @@ def diagrams(
         For a row or quantities that the solution does not have, or one without beams.
     """
     path = picture(path)
-    if row is None and isinstance(solution, Solution):
-        row = len(solution.t) - 1
-    (row,) = checked_rows(solution, rows=[row])
-    if not solution.beams:
+    is_envelope = isinstance(solution, list | tuple)
+    cases = _rows_of(solution, row)
+    shown, (row, *_) = cases[0]
+    if not shown.beams:
         raise ValueError("diagrams need beams, but the solution has none")
     choice = [quantities] if isinstance(quantities, str) else quantities
     names = list(choice) if isinstance(choice, Iterable) else []
     ok = len(names) > 0 and all(is_one_of(name, RESULTANTS) for name in names)
     require(ok, "quantities", quantities, f"some of {', '.join(RESULTANTS)}")
     require(is_flag(deformed), "deformed", deformed, "True or False")
-    drawing = Drawing(solution, [row], 1.0 if deformed else 0.0, scene_unit)
+    drawing = Drawing(shown, [row], float(deformed and not is_envelope), scene_unit)
     tallest = min(_TALLEST * drawing.size, _OVER * spacing(drawing))
     low, high = drawing.window
     margin = 1.3 * tallest + _BESIDE_TIP * drawing.size
@@ -92,7 +98,7 @@ def diagrams(
     gap = 72 * max(panel) * spacing(drawing) / max(high - low)  # members [points]
     thinness = min(1.0, gap / _DENSE)
     for number, (ax, name) in enumerate(zip(fig.axes, names, strict=True)):
-        _panel(ax, drawing, name, row, tallest, thinness)
+        _panel(ax, drawing, name, cases, tallest, thinness)
         ax.set_title(words_for(name, scene_unit), fontsize="medium")
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         ax.locator_params(axis="x", nbins=max(2, int(panel[0] / 0.7)))
@@ -100,22 +106,42 @@ def diagrams(
         ax.tick_params(labelbottom=lowest, labelleft=first)
         ax.set_xlabel(f"$x$ [{scene_unit}]" if lowest else "")
         ax.set_ylabel(f"$y$ [{scene_unit}]" if first else "")
-    (words,) = headings(solution, solution.t_level[[row]])
+    (words,) = headings(shown, shown.t_level[[row]])
+    if is_envelope:
+        words = f"envelope of {len(cases)} solutions"
     fig.suptitle(words, fontsize="medium")
     return written(fig, path)
 
 
-def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinness: float) -> None:
-    """Draw one quantity along all members."""
+def _rows_of(solution: Any, row: int | None) -> _Cases:
+    """A solution with its row, or several with all of theirs."""
+    if isinstance(solution, list | tuple):
+        ok = row is None and len(solution) > 0
+        require(ok, "row", row, "left out: an envelope is over all rows of one or more solutions")
+        return [(case, [*range(len(case.t))]) for case in solution if checked_rows(case)]
+    if row is None and isinstance(solution, Solution):
+        row = len(solution.t) - 1
+    return [(solution, checked_rows(solution, rows=[row]))]
+
+
+def _panel(
+    ax, drawing: Drawing, quantity: str, cases: _Cases, tallest: float, thinness: float
+) -> None:
+    """Draw one quantity in one row, or its envelope in several, along all members."""
     beams = drawing.solution.beams
     places = np.linspace(0, 1, _PIECES + 1)
-    values = along_all(drawing.solution, [quantity], [row], places)[quantity][0]
-    largest = float(abs(values).max())
+    parts = [along_all(case, [quantity], rows, places)[quantity] for case, rows in cases]
+    alike = len({part.shape[1:] for part in parts}) == 1
+    require(alike, "solution", cases, "solutions of scenes with equal members")
+    origins = [(number, row) for number, (_, rows) in enumerate(cases) for row in rows]
+    values, row = np.concatenate(parts), origins[0][1]
+    high, low = values.max(axis=0), values.min(axis=0)
+    largest = float(max(abs(high).max(), abs(low).max()))
     points = drawing.along_elements(row, _PIECES)
     side = left_of(np.gradient(points, axis=1)) * (-1 if quantity == "M" else 1)
     side *= tallest / (largest or 1.0) / np.linalg.norm(side, axis=-1, keepdims=True)
-    for sign, colour, hatch in (1, SIGNED(0.9), None), (-1, SIGNED(0.1), "/////"):
-        tips = points + side * np.where(sign * values > 0, values, 0)[..., None]
+    for curve, sign, colour, hatch in (high, 1, SIGNED(0.9), None), (low, -1, SIGNED(0.1), "/////"):
+        tips = points + side * np.where(sign * curve > 0, curve, 0)[..., None]
         corners = [points[:, :-1], points[:, 1:], tips[:, 1:], tips[:, :-1], points[:, :-1]]
         areas = np.stack(corners, axis=2).reshape(-1, 5, 2)
         # One path for all: hatches of each piece would be slow.
@@ -125,30 +151,40 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinne
         area = Area(areas.reshape(-1, 2), codes)
         # Not add_patch, which would look at each corner for the limits of the axes.
         ax.add_artist(PathPatch(area, linewidth=0, zorder=1, in_layout=False, **look))
-    tips = points + side * values[..., None]
     ends = np.concatenate([[0], np.cumsum([beam.elements for beam in beams.values()])]).tolist()
     members = list(map(slice, ends[:-1], ends[1:]))
     corners = [end for member in members for end in ((member.start, 0), (member.stop - 1, _PIECES))]
-    edges = [np.stack([points[end], tips[end]]) for end in corners]
-    draw_lines(ax, [*tips, *edges], color="0.3", linewidth=0.7 * thinness, zorder=2)
+    for curve in [high, low][: len(values)]:
+        tips = points + side * curve[..., None]
+        edges = [np.stack([points[end], tips[end]]) for end in corners]
+        draw_lines(ax, [*tips, *edges], color="0.3", linewidth=0.7 * thinness, zorder=2)
     axes = [points[member].reshape(-1, 2) for member in members]
     draw_lines(ax, axes, linewidth=1.5 * thinness, zorder=3)
-    peaks, firsts = {}, dict(zip(beams, ends, strict=False))
+    ways: list[Callable] = [np.argmax, np.argmin]
+    if len(values) == 1:
+        ways = [lambda part: abs(part).argmax()]
+    # Numbers of a row, an element and a piece, by members.
+    peaks = list[tuple[str, tuple[int, ...]]]()
     for name, member in zip(beams, members, strict=True):
-        element, piece = np.unravel_index(abs(values[member]).argmax(), values[member].shape)
-        peaks[name] = member.start + int(element), int(piece)
-    if len(peaks) > _NAMED:
-        high, low = (pick(peaks, key=lambda name: values[peaks[name]]) for pick in (max, min))
-        peaks = {high: peaks[high], low: peaks[low]}
+        part = values[:, member]
+        for way in ways:
+            number, element, piece = map(int, np.unravel_index(way(part), part.shape))
+            peaks.append((name, (number, member.start + element, piece)))
+    if len(beams) > _NAMED:
+        peaks = [pick(peaks, key=lambda peak: values[peak[1]]) for pick in (max, min)]
+    firsts = dict(zip(beams, ends, strict=False))
     box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
-    for name, peak in peaks.items():
-        if abs(values[peak]) > 1e-9 * largest:
-            outwards = np.sign(values[peak]) * side[peak] / np.linalg.norm(side[peak])
-            label_place = tips[peak] + _BESIDE_TIP / 2 * drawing.size * outwards
+    for name, peak in peaks:
+        value, place = values[peak], peak[1:]
+        if abs(value) > 1e-9 * largest:
+            outwards = np.sign(value) * side[place] / np.linalg.norm(side[place])
+            tip = points[place] + side[place] * value
+            label_place = tip + _BESIDE_TIP / 2 * drawing.size * outwards
             centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 7}
-            element = peak[0] - firsts[name]
-            extreme = _extreme(drawing.solution, name, quantity, row, element, values[peak])
-            ax.annotate(three_digits(extreme), label_place, bbox=box, **centred)
+            (case, case_row), element = origins[peak[0]], place[0] - firsts[name]
+            extreme = _extreme(cases[case][0], name, quantity, case_row, element, value)
+            text = three_digits(extreme) + (f" ({case})" if len(cases) > 1 else "")
+            ax.annotate(text, label_place, bbox=box, **centred)
     draw_surroundings(ax, drawing, row)
 
 

@@ -492,6 +492,28 @@ def test_the_extreme_moment_is_found_under_loads_and_where_a_parabola_has_its_ve
     assert texts == [f"{3.5 * 4.5 / 8:.3g}", f"{(4 + 6 / 8) ** 2 / 2:.3g}"]
 
 
+def test_diagrams_of_several_cases_have_their_envelope_and_who_gives_it():
+    """A beam on two supports under a force up or down: F a b / L on both sides."""
+    cases = []
+    for force, place in ((-2.0, 3.0), (4.0, 4.0)):
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (8, 0)], fb.Section(EA=1e8, GA=1e8, EI=1e6), 4)
+        scene.pin(beam.start)
+        scene.fix(beam.end, "y")
+        scene.add_force(beam.at(place), (0, force))
+        cases.append(fb.static(scene, linear=True))
+    figure = plot.diagrams(cases, None, quantities=["M"])
+    texts = [text.get_text() for text in figure.axes[0].texts]
+    assert texts == ["3.75 (0)", "-8 (1)"]
+    assert "envelope of 2 solutions" in figure.get_suptitle()
+    assert_refused("an envelope is over all rows", plot.diagrams, cases, None, 1)
+    assert_refused("an envelope is over all rows", plot.diagrams, [], None)
+    assert_refused("a Solution", plot.diagrams, [cases[0], scene], None)
+    other = fb.Scene()
+    other.clamp(other.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0), 3).start)
+    assert_refused("equal members", plot.diagrams, [cases[0], fb.static(other)], None)
+
+
 def test_a_moment_is_drawn_on_the_side_in_tension_and_a_shear_force_changes_its_side(
     girder, tmp_path
 ):
