@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import importlib.util
+import io
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -10,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from PIL import Image
 
 from fx_beam.errors import check_takes, is_whole, require
@@ -17,10 +20,11 @@ from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
-from .drawing import Drawing, Look, checked_drawing, headings, say_if_too_small, title
-from .members import Members
+from .drawing import Drawing, checked_drawing, headings, say_if_too_small, words_over
+from .look import Colour, Look, Pen, Theme, theme_of
+from .members import Members, colours_of, draw_members
 from .sheet import LARGEST, Plane
-from .symbols import Supports, draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
+from .symbols import checked_marks, draw_forces, draw_held, draw_moving
 
 
 def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
@@ -38,29 +42,42 @@ def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
     film.close()
 
 
-def _write_gif(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
-    """Frames, each with a palette of its own, in which the background stays white."""
-    images = []
+def _write_gif(
+    frames: Iterator[np.ndarray], path: Path | io.BytesIO, fps: int, paper: Colour
+) -> None:
+    """Frames, each with a palette of its own, in which the background stays as it is."""
+    images, background = [], 255 * np.array(to_rgb(paper))
     for frame in frames:
         image = Image.fromarray(frame).convert("RGB")
         image = image.quantize(method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
         colours = np.array(image.getpalette()).reshape(-1, 3)
-        colours[colours.min(axis=1) >= 245] = 255
+        colours[abs(colours - background).max(axis=1) <= 10] = background.round()
         image.putpalette(colours.ravel().tolist())
         images.append(image)
     first, *rest = images
     # The format knows hundredths of a second: rounded ends of frames keep the whole time.
     ends = 10 * np.round(100 / fps * np.arange(len(images) + 1)).astype(int)
-    first.save(path, save_all=True, append_images=rest, duration=np.diff(ends).tolist(), loop=0)
+    first.save(
+        path, "GIF", save_all=True, append_images=rest, duration=np.diff(ends).tolist(), loop=0
+    )
+
+
+class Film(bytes):
+    """An animation as a GIF; notebooks show it."""
+
+    def __repr__(self):
+        return f"<Film: {len(self) / 1e6:.1f} MB>"
+
+    def _repr_html_(self):
+        return f'<img src="data:image/gif;base64,{base64.b64encode(self).decode()}">'
 
 
 _BESIDE = 4.0  # width of the axes over which the time and the title are side by side [inch]
-_COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 
 
 def animate(
     solution: Solution,
-    path: Path | str,
+    path: Path | str | None = None,
     rows: Sequence[int] | None = None,
     times: Sequence[float] | None = None,
     count: int | None = None,
@@ -75,15 +92,18 @@ def animate(
     colour_scale: str = "linear",
     thickness: float | None = None,
     size: tuple[int, int] | None = None,
-) -> None:
+    title: str = "",
+    theme: str = "light",
+) -> Film | None:
     """Animation of the motion as a GIF or MP4, with the symbols of `shapes`.
 
     Parameters
     ----------
     solution : Solution
         The motion.
-    path : str or path
-        File to write; its name ends with .gif or .mp4.
+    path : str or path, optional
+        File to write; its name ends with .gif or .mp4. In a notebook none is needed: without one
+        the film is returned and shown.
     rows : sequence of int, optional
         Rows of `Solution.t` to draw, one for each frame.
     times : sequence of float, optional
@@ -97,7 +117,7 @@ def animate(
     scene_unit : str
         Unit of length in which the scene is given, for labels; nothing is scaled.
     magnify : float
-        Factor on displacements; the title shows it if it is not 1.
+        Factor on displacements; it is written over the film if it is not 1.
     marks : dict, optional
         Nodes by the names that are written beside them.
     scenery : callable, optional
@@ -109,15 +129,24 @@ def animate(
         Ends and kind of the colour scale, and factor on the depth of members, as in `shapes`.
     size : (int, int), optional
         Width and height of the frames [pixels], from 100 to 4096, such as (1920, 1080); by
-        default as the scene asks for, up to 640 and 560.
+        default as the scene asks for, up to 700 and 560.
+    title : str
+        What is written over the film, on the right.
+    theme : {"light", "dark"}
+        Colours of the film.
+
+    Returns
+    -------
+    Film or None
+        Without a path the GIF, as bytes that a notebook shows.
 
     Raises
     ------
     RuntimeError
         For an MP4 if imageio-ffmpeg is not installed.
     """
-    path = writable(path, ("gif", "mp4"))
-    is_film = path.suffix.lower() == ".mp4"
+    path = None if path is None else writable(path, ("gif", "mp4"))
+    colours, is_film = theme_of(theme), path is not None and path.suffix.lower() == ".mp4"
     if is_film and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise RuntimeError(
             f"cannot write {path}: an MP4 needs imageio-ffmpeg: pip install imageio-ffmpeg. A GIF "
@@ -128,21 +157,33 @@ def animate(
     if scenery is not None:
         check_takes(scenery, "axes, k", "scenery")
     drawing = checked_drawing(solution, magnify, scene_unit, 100, rows, times, count)
-    shown = drawing.rows
+    shown, words = drawing.rows, words_over(drawing, title)
     members = Members(drawing, thickness, colour, colour_limits, colour_scale)
     framed_points = members.corners
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution
         framed_points += [*drawing.positions(trace.number, slice(shown[0], max(shown) + 1))]
     drawing.include(framed_points)
+    marks = checked_marks(drawing, marks)
     say_if_too_small(drawing)
-    is_coloured = colour is not None
-    frames = _Frames(drawing, members, _plane(drawing, is_coloured, size), is_coloured)
+    plane = _plane(drawing, colours, colour is not None, size)
+    is_plain = colour is None and thickness is None
+    frames = _Frames(drawing, None if is_plain else members, plane, colours, words)
+    if colour is not None:
+        plane.draw_bar(members.scale, **members.bar)
     if trace is not None:
         frames.trace = trace.number
-    write = _write_mp4 if is_film else _write_gif
-    with replacing(path) as file:
-        write(frames.drawn(marks, scenery), file, fps)
+    drawn = frames.drawn(marks, scenery)
+    if path is None:
+        file = io.BytesIO()
+        _write_gif(drawn, file, fps, colours.paper)
+        return Film(file.getvalue())
+    with replacing(path) as target:
+        if is_film:
+            _write_mp4(drawn, target, fps)
+        else:
+            _write_gif(drawn, target, fps, colours.paper)
+    return None
 
 
 class _Frames:
@@ -151,71 +192,84 @@ class _Frames:
     #: Number of the node whose path is drawn.
     trace: int | None = None
 
-    def __init__(self, drawing: Drawing, members: Members, plane: Plane, is_coloured: bool):
+    def __init__(
+        self, drawing: Drawing, members: Members | None, plane: Plane, theme: Theme, words: str
+    ):
         ax = plane.ax
-        self._drawing, self._members, self._ax = drawing, members, ax
+        self._drawing, self._members, self._ax, self._theme = drawing, members, ax, theme
+        self._figure = plane.figure
         look: Look = {"xycoords": "axes fraction", "textcoords": "offset points"}
-        look |= {"fontsize": "small", "va": "bottom"}
-        # Beside the time, or above it where there is no room.
-        rise = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
-        ax.annotate(title(drawing), (1, 1), (0, rise), ha="right", **look)
+        look |= {"fontsize": "small", "va": "bottom", "color": theme.ink}
+        if words:  # beside the time, or above it where there is no room
+            rise = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
+            ax.annotate(words, (1, 1), (0, rise), ha="right", **look)
         self._heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
-        (self._past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
-        self._lines = members.collection(2.5)
-        if is_coloured:
-            plane.draw_bar(members.scale, **members.bar)
-        else:
-            shades = itertools.islice(itertools.cycle(_COLOURS), len(drawing.solution.beams))
-            self._lines.set_color(members.per_piece(list(shades)).tolist())
-        self._moving = [self._heading, self._past, ax.add_collection(self._lines)]
+        self._moving: list = [self._heading]
+        if members is not None:
+            self._lines = members.collection(Pen(ax, theme, drawing.thinness))
+            if not members.has_colours:
+                self._lines.set_color(members.per_piece(colours_of(drawing)).tolist())
+            self._moving.append(ax.add_collection(self._lines))
         for artist in self._moving:
             artist.set_animated(True)  # left out of the static part of a frame
-        self._canvas = FigureCanvasAgg(plane.figure)
-        self._canvas.draw()
-        self._still = self._canvas.copy_from_bbox(plane.figure.bbox)
 
     def drawn(
-        self, marks: dict[str, Node] | None, scenery: Callable[[Axes, int], list] | None
+        self, marks: dict[str, Node], scenery: Callable[[Axes, int], list] | None
     ) -> Iterator[np.ndarray]:
         """Pixels (height, width, 4) of each frame, with names of nodes and additional objects."""
         ax, drawing = self._ax, self._drawing
-        shown = drawing.rows
-        supports = {id(parts): Supports(drawing, parts) for parts, _ in drawing.stretches}
+        canvas = FigureCanvasAgg(self._figure)
+        canvas.draw()
+        still, shown = canvas.copy_from_bbox(self._figure.bbox), drawing.rows
         times = drawing.solution.t[shown]
         for k, words in zip(shown, headings(drawing.solution, times), strict=True):
             self._heading.set_text(words)
-            self._members.move(self._lines, k)
-            if self.trace is not None:
-                path = drawing.positions(self.trace, slice(shown[0], k + 1))
-                self._past.set_data(*path.T)
             known_artists = {*ax.get_children()}
-            draw_moving(ax, drawing, k)
-            parts = drawing.parts(k)
-            draw_joints(ax, drawing, parts, k)
-            draw_forces(ax, drawing, k)
-            draw_outlines(ax, drawing.obstacles.fixed(parts))
-            supports[id(parts)].draw(ax, k)
-            draw_marks(ax, drawing, k, marks)
+            self._draw(k, marks)
             scenery_artists = (scenery(ax, k) if scenery else None) or []
             new = [artist for artist in ax.get_children() if artist not in known_artists]
             drawn = list(dict.fromkeys([*new, *scenery_artists]))
-            self._canvas.restore_region(self._still)
+            canvas.restore_region(still)
             for artist in sorted([*self._moving, *drawn], key=lambda artist: artist.get_zorder()):
                 ax.draw_artist(artist)
-            yield np.array(self._canvas.buffer_rgba())
+            yield np.array(canvas.buffer_rgba())
             for artist in drawn:
                 artist.remove()
 
+    def _draw(self, k: int, marks: dict[str, Node]) -> None:
+        """Draw row k."""
+        ax, drawing, theme = self._ax, self._drawing, self._theme
+        pen = Pen(ax, theme, drawing.thinness)
+        if self._members is None:
+            draw_members(pen, drawing, k)
+        else:
+            self._members.move(self._lines, k)
+        if self.trace is not None:
+            path = drawing.positions(self.trace, slice(drawing.rows[0], k + 1))
+            pen.line(path, theme.soft, 1.0, 1)
+        draw_moving(pen, drawing, k)
+        draw_held(pen, drawing, drawing.parts(k), k)
+        draw_forces(pen, drawing, k)
+        pen.finish()
+        for name, node in marks.items():
+            position = drawing.positions(node.number, k)
+            # Towards the middle, where there is room for long names.
+            left = position[0] > np.mean(ax.get_xlim())
+            offset = {"xytext": (-5 if left else 5, 5), "ha": "right" if left else "left"}
+            look: Look = {"textcoords": "offset points", "fontsize": "small", "zorder": 9}
+            ax.annotate(name, position, color=theme.ink, **offset, **look)
 
-def _plane(drawing: Drawing, bar: bool, size: tuple[int, int] | None) -> Plane:
+
+def _plane(drawing: Drawing, theme: Theme, bar: bool, size: tuple[int, int] | None) -> Plane:
     """Axes of frames of a size [pixels], in which letters are as large as in other pictures."""
     if size is None:
-        return Plane(drawing, bar)
+        return Plane(drawing, theme, bar, title=" ")
     ok = isinstance(size, Sequence) and len(size) == 2
     ok = ok and all(is_whole(pixels, 100, 4096) for pixels in size)
     require(ok, "size", size, "width and height [pixels], such as (1920, 1080)")
     dpi = min(size[0] / LARGEST[0], size[1] / (0.75 * LARGEST[1]))
     # A little more, as a fraction of a pixel is cut off.
-    plane = Plane(drawing, bar, ((size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi))
+    inches = (size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi
+    plane = Plane(drawing, theme, bar, size=inches)
     plane.figure.set_dpi(dpi)
     return plane

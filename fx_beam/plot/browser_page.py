@@ -21,16 +21,18 @@ from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.parts import Parts
 from fx_beam.scene.section import has_stresses
 
-from .drawing import Drawing, axis, checked_drawing, line_between, time_unit, title
+from .drawing import Drawing, axis, checked_drawing, line_between, time_unit, words_over
+from .look import MEMBERS, THEMES
 from .members import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
 from .outlines import Outline
-from .symbols import Supports, nodes_of_joints, nodes_with_mass
+from .symbols import is_a_rope, marks_of, supports_of
 
 _TEMPLATE = Path(__file__).with_suffix(".html")
 _ROWS = 200  # that are shown if none are named
 _MANY = 6_000  # straight pieces of all elements, if an element has several
 _SHADES = 64
 _ENERGIES = "kinetic", "strain", "potential", "springs", "total"
+_DEPTH = 0.016  # of the strip of an obstacle, by the size of the scene
 _FINEST = 32_767  # positions and values are whole numbers up to this one
 
 
@@ -63,13 +65,15 @@ def interactive(
     series: dict[str, np.ndarray] | None = None,
     scene_unit: str = "m",
     magnify: float = 1.0,
+    title: str = "",
 ) -> Page:
     """Page on which one plays a motion, and looks at its shapes, values and curves.
 
     The page has a slider and a play button, shapes coloured by a quantity that one chooses, with
     limits and a log scale, names and values of the point under the pointer, paths of points that
     one clicks, and curves over time. The wheel zooms, dragging moves, a double click shows all. It
-    is one file, which needs no network; 2000 members with 200 rows take 10 MB.
+    is light or dark as the browser is. It is one file, which needs no network; 2000 members with
+    200 rows take 10 MB.
 
     Parameters
     ----------
@@ -87,6 +91,8 @@ def interactive(
         Unit of length in which the scene is given, for labels; nothing is scaled.
     magnify : float
         Factor on displacements.
+    title : str
+        What is written over the shapes, and in the title of the window.
 
     Returns
     -------
@@ -115,7 +121,8 @@ def interactive(
     traced = trace if isinstance(trace, Sequence) else [trace]
     for node in traced:
         solution.position(node)  # refuses what is no node of the solution
-    data = _data(drawing, traced) | {"series": _series(drawing, series)}
+    words = words_over(drawing, title)
+    data = _data(drawing, traced) | {"title": words, "series": _series(drawing, series)}
     # No text of the user's may end the element that holds the data.
     text = json.dumps(data, allow_nan=False, default=of_numpy).replace("<", "\\u003c")
     page = Page(_TEMPLATE.read_text("utf-8").replace("/* DATA */", text))
@@ -131,8 +138,9 @@ def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, object]:
     factor, unit = time_unit(solution.t[-1])
     bodies = {name: [n.number for n in body.nodes] for name, body in solution.bodies.items()}
     return {
-        "title": _plain(title(drawing)),
         "unit": drawing.unit,
+        "members": MEMBERS,
+        "themes": {name: theme._asdict() for name, theme in THEMES.items()},
         "static": solution.stats.static,
         "t": solution.t[drawing.rows],
         "clock": [factor, _plain(unit)],
@@ -152,7 +160,6 @@ def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, object]:
 def _stretch(drawing: Drawing, parts: Parts, places: list[int]) -> dict[str, object]:
     """What the scene has in some rows one after the other, and the places of these rows."""
     rows = [drawing.rows[i] for i in places]
-    markers = {"mass": nodes_with_mass(parts), **nodes_of_joints(parts)}
     carried = [drawing.obstacles.carried(parts, k) for k in rows]
 
     def points_of(nodes: list[int]) -> str:
@@ -160,25 +167,25 @@ def _stretch(drawing: Drawing, parts: Parts, places: list[int]) -> dict[str, obj
 
     return {
         "first": places[0],
-        "obstacles": [outline._asdict() for outline in drawing.obstacles.fixed(parts)],
+        "obstacles": [_carried(drawing, [outline]) for outline in drawing.obstacles.fixed(parts)],
         "circles": [
             {"count": len(lines[0]), "points": _points(drawing, lines)}
             for lines in zip(*(drawing.circles(parts, k) for k in rows), strict=True)
         ],
         "carried": [_carried(drawing, outlines) for outlines in zip(*carried, strict=True)],
-        # Symbols in units of the drawing's size.
         "supports": [
-            {"points": points_of([node]), **strokes._asdict()}
-            for node, strokes in Supports(drawing, parts).symbols.items()
+            {"points": points_of([node]), **support._asdict()}
+            for node, support in supports_of(drawing, parts).items()
         ],
         "markers": [
             {"marker": marker, "count": len(nodes), "points": points_of(nodes)}
-            for marker, nodes in markers.items()
+            for marker, nodes in marks_of(parts).items()
         ],
         "between": [
             {
-                "spring": force.on.spring is not None and len(force.points) == 2,
-                "count": len(force.points),
+                "spring": force.on.spring is not None and not is_a_rope(force),
+                "rope": is_a_rope(force),
+                "count": len(line_between(drawing, force, rows[0])),
                 "points": _points(drawing, line_between(drawing, force, rows)),
             }
             for force in parts.forces_between
@@ -250,10 +257,10 @@ def _quantity(drawing: Drawing, name: str, values: np.ndarray) -> dict[str, obje
 
 
 def _carried(drawing: Drawing, outlines: Sequence[Outline]) -> dict[str, object]:
-    """An obstacle that a node carries: points of the line, then ends of the strokes, by rows."""
-    points = _points(drawing, [[*o.line, *o.strokes.reshape(-1, 2)] for o in outlines])
-    line, strokes = map(len, outlines[0])
-    return {"line": line, "strokes": strokes, "points": points}
+    """An obstacle by rows: points of the line, then others a little inside of the obstacle."""
+    depth = _DEPTH * drawing.reach
+    rows = [[*o.line, *(o.line + depth * o.sides)] for o in outlines]
+    return {"count": 2 * len(outlines[0].line), "points": _points(drawing, rows)}
 
 
 def _points_of(drawing: Drawing, nodes: list[int]) -> str:
@@ -281,7 +288,7 @@ def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict
 
 def _plain(text: str) -> str:
     """A text without TeX."""
-    return text.replace(r"$\Delta t$", "\u0394t").replace(r"$\mu$", "\u03bc")
+    return text.replace(r"$\mu$", "\u03bc")
 
 
 def _points(drawing: Drawing, positions: ArrayLike) -> str:

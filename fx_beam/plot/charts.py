@@ -18,7 +18,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
 from fx_beam.scene.beam import Node
 
-from .drawing import Look
+from .look import Look
 
 # Colours of Okabe and Ito, safe for colour-blind eyes; line styles differ in grey prints.
 STYLES: dict[str, dict] = {

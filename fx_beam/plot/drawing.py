@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import logging
 import math
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from fx_beam.results.contact_gaps import nodes_of
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.solution import Solution, forces_on_nodes, parts_in
 from fx_beam.scene.beam import Node, lagrange, lagrange_and_slopes
-from fx_beam.scene.forces_between import ForceBetween
+from fx_beam.scene.forces_between import FixedPoint, ForceBetween
 from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.parts import Parts
@@ -24,10 +24,7 @@ from fx_beam.scene.parts import Parts
 from .outlines import Obstacles, turn
 
 _log = logging.getLogger("fx_beam")
-
-#: Keyword arguments of matplotlib; a colour as it takes it.
-Look = dict[str, Any]
-Colour = str | np.ndarray
+T = TypeVar("T")
 
 # Lengths of springs from a node and from a bed to the ground; number of the latter.
 _GROUND_SPRING, _BED_SPRING, _OF_BED = 0.15, 0.06, 9
@@ -43,6 +40,22 @@ def three_digits(value: float) -> str:
     if 1000 <= abs(value) < 1e5:
         return f"{value:.0f}"
     return f"{float(f'{value:.3g}'):g}"
+
+
+_PREFIXES = (1e9, "G"), (1e6, "M"), (1e3, "k")
+_LARGE = 1e4  # from which on numbers have a prefix
+
+
+def prefix_of(largest: float, least: float = _LARGE) -> tuple[float, str]:
+    """Factor and prefix of the unit for numbers up to a largest one."""
+    size = abs(largest)
+    return next((p for p in _PREFIXES if size >= max(p[0], least)), (1.0, ""))
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A number with three digits and its unit, which has a prefix for large numbers."""
+    factor, prefix = prefix_of(value) if unit.startswith("N") else (1.0, "")
+    return f"{three_digits(value / factor)} {prefix}{unit}"
 
 
 def time_unit(largest: float) -> tuple[float, str]:
@@ -127,6 +140,7 @@ class Drawing:
         # Displacements and rotations (rows, nodes, 3); an error says if there are none.
         self._q = solution.q if recorded is None else recorded("q")
         self._element_nodes = nodes_of_elements(solution)
+        self._known: dict[tuple[Callable, int], tuple[Parts, Any]] = {}
         #: Points (n, 2) of all members and bodies in all rows.
         self.points = _all_points(self)
         #: Larger side of what holds them [m].
@@ -147,6 +161,13 @@ class Drawing:
         """Parts of the scene as it was in row k."""
         return parts_in(self.solution, k)
 
+    def once(self, find: Callable[[Drawing, Parts], T], parts: Parts) -> T:
+        """What a function finds of the parts, found once for all rows."""
+        key = find, id(parts)
+        if key not in self._known:
+            self._known[key] = parts, find(self, parts)
+        return self._known[key][1]
+
     @property
     def stretches(self) -> list[tuple[Parts, list[int]]]:
         """Parts of the scene, and the places in `rows` of the rows that have them."""
@@ -159,6 +180,11 @@ class Drawing:
     def include(self, points: ArrayLike) -> None:
         """Have points (n, 2) in the window as well."""
         self._corners = _ends(np.concatenate([self._corners, np.reshape(points, (-1, 2))]))
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Lower left and upper right corner (2, 2) of what is drawn."""
+        return self._corners
 
     @property
     def window(self) -> tuple[np.ndarray, np.ndarray]:
@@ -202,6 +228,14 @@ class Drawing:
         nodes = np.asarray(nodes, dtype=int)
         moved = self._q[rows][..., nodes, :2]
         return self.solution.X[nodes] + self.magnify * moved
+
+    def place(self, point: Node | FixedPoint, k: int) -> np.ndarray:
+        """Position (2,) of a point of a force in row k."""
+        return self.positions(point.number, k) if isinstance(point, Node) else point.position
+
+    def place_at_start(self, point: Node | FixedPoint) -> np.ndarray:
+        """Position (2,) of a point of a force in the reference configuration."""
+        return self.solution.X[point.number] if isinstance(point, Node) else point.position
 
     def turned(self, node: Node, k: int, arrow) -> np.ndarray:
         """A vector (2,) that rotates with a node, in row k."""
@@ -253,17 +287,11 @@ def _framed_points(drawing: Drawing) -> np.ndarray:
     return np.concatenate([drawing.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
 
 
-def title(drawing: Drawing) -> str:
-    """Scheme and time step, or the kind of analysis, and the factor on displacements."""
-    t, stats = drawing.solution.t, drawing.solution.stats
-    magnified = f", displacements x {drawing.magnify:g}" if drawing.magnify != 1 else ""
-    if stats.static:
-        return "equilibria" + magnified
-    if len(t) == stats.steps + 1 > 1 and np.ptp(np.diff(t)) <= 1e-6 * t[-1]:
-        factor, unit = time_unit(t[-1])
-        dt = three_digits(factor * (t[1] - t[0]))
-        return rf"{stats.scheme}, $\Delta t$ = {dt} {unit}" + magnified
-    return f"{stats.scheme}, {stats.steps} steps to {t[-1]:g} s" + magnified
+def words_over(drawing: Drawing, title: str, times: Sequence[str] = ()) -> str:
+    """What is written over a picture: a title, times, and the factor on displacements."""
+    require(isinstance(title, str), "title", title, "a text")
+    magnified = [f"displacements x {drawing.magnify:g}"] if drawing.magnify != 1 else []
+    return ", ".join([*([title] if title else []), *times, *magnified])
 
 
 def spacing(drawing: Drawing) -> float:

@@ -17,7 +17,8 @@ from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.contacts import Contact
 
-from .drawing import Drawing, Look
+from .drawing import Drawing
+from .look import MEMBERS, Colour, Look, Pen, mixed
 
 _PIECES = 12  # per element, each with one colour
 _NONE = np.empty((0, 1))
@@ -108,19 +109,22 @@ class Members:
         if scale == "linear":
             self.bar["format"] = "%.3g"
 
-    def collection(
-        self, width: float, zorder: float = 2, **look
-    ) -> LineCollection | PolyCollection:
-        """Collection of the members, without a position: lines of a width [points], or bands."""
+    def collection(self, pen: Pen, zorder: float = 3, **look) -> LineCollection | PolyCollection:
+        """Collection of the members, without a position: lines as thick as they are, or bands."""
         # They are inside of the axes: a layout that asks each piece would be slow.
         look = {"zorder": zorder, "in_layout": False} | look
         if self._values:
             look |= {"norm": self.scale.norm, "cmap": self.scale.cmap}
         if self._depths is None:
-            width *= self._drawing.thinness
-            return LineCollection([], linewidth=width, capstyle="round", **look)
+            widths = self.per_piece(widths_of(pen, self._drawing))
+            return LineCollection([], linewidth=widths, capstyle="round", **look)
         # A thin edge of the same colour closes the gaps between the pieces.
         return PolyCollection([], edgecolor="face", linewidth=0.3, **look)
+
+    @property
+    def has_colours(self) -> bool:
+        """Whether the colours show a quantity."""
+        return bool(self._values)
 
     def move(self, collection: LineCollection | PolyCollection, k: int) -> None:
         """Move the drawn members to their positions in row k, and colour them by its values."""
@@ -155,6 +159,62 @@ class Members:
         return np.repeat(np.asarray(values), counts, axis=0)
 
 
+_LEAST, _EDGE, _BRIGHT = 3.4, 0.75, 5.0  # widths of lines [points]
+_PLAIN = 500  # members above which they are plain lines
+
+
+def colours_of(drawing: Drawing) -> list[Colour]:
+    """A colour for each member."""
+    return [MEMBERS[i % len(MEMBERS)] for i in range(len(drawing.solution.beams))]
+
+
+def widths_of(pen: Pen, drawing: Drawing) -> np.ndarray:
+    """Widths (n,) of members [points]: of lines, or their depths where these are larger."""
+    touching, least = _contact_depths(drawing.solution.contacts), _LEAST * pen.scale
+    known: dict[int, Any] = {}
+    middle, widths = np.array([0.5]), []
+    for beam in drawing.solution.beams.values():
+        depth = touching.get(beam.name)
+        if depth is None and beam.section is not None:
+            key = id(beam.section)
+            if key not in known:
+                known[key] = _depth_of(beam, middle)
+            depth = known[key]
+        widths.append(0.0 if depth is None else float(np.mean(depth)) / pen.point)
+    return np.maximum(widths, least)
+
+
+def draw_members(pen: Pen, drawing: Drawing, k: int, ghost: bool = False, z: float = 3.0) -> None:
+    """Draw all members in row k as lines as thick as they are; ghosts are pale and plain."""
+    beams = list(drawing.solution.beams.values())
+    if not beams:
+        return
+    elements = np.array([beam.elements for beam in beams])
+    straight = all(beam.degree == 1 for beam in beams)
+    pieces = 1 if straight else max(1, min(_PIECES, _MANY // elements.sum()))
+    points, colours = drawing.along_elements(k, pieces), colours_of(drawing)
+    if len(beams) > _PLAIN:
+        gaps = np.full((len(points), 1, 2), np.nan)
+        lines = np.concatenate([points, gaps], axis=1)
+        owner = np.repeat(np.arange(len(beams)) % len(MEMBERS), elements)
+        for number, colour in enumerate(MEMBERS):
+            pen.line(lines[owner == number].reshape(-1, 2), colour, _LEAST * pen.scale, z)
+        return
+    ends, theme = np.cumsum(elements), pen.theme
+    widths = widths_of(pen, drawing)
+    for i, (shade, width) in enumerate(zip(colours, widths.tolist(), strict=True)):
+        own = points[ends[i] - elements[i] : ends[i]]
+        line = np.concatenate([own[:, :-1].reshape(-1, 2), own[-1:, -1]])
+        if ghost:
+            pen.line(line, shade, width, z - 1)
+            continue
+        if width > 2:
+            pen.line(line, mixed(shade, theme.ink, 0.55), width + 2 * _EDGE, z)
+        pen.line(line, shade, width, z + 0.01)
+        if width > _BRIGHT:
+            pen.line(line, mixed(shade, "#ffffff", 0.42), 0.28 * width, z + 0.02)
+
+
 def _contact_depths(contacts: Iterable[Contact]) -> dict[str, float]:
     """Thickness with which members touch, by their names; where they have several the largest."""
     depths: dict[str, float] = {}
@@ -178,14 +238,23 @@ def _depths(beam: Beam, fractions: np.ndarray, touching: float | None) -> np.nda
             f"thickness needs the section of {beam.name!r}, which a saved file does not hold; take "
             "the solution as simulate gave it"
         )
-    s = arc_lengths(beam, fractions) / beam.length
+    depths = _depth_of(beam, fractions)
+    if depths is None:
+        raise ValueError(
+            f"thickness needs EA and EI, or rhoA and rhoI, in the section of {beam.name!r}"
+        )
+    return depths
+
+
+def _depth_of(beam: Beam, fractions: np.ndarray) -> np.ndarray | None:
+    """Depths (elements, points) of a rectangle as stiff as a beam [m]; None without stiffnesses."""
+    s, section = arc_lengths(beam, fractions) / beam.length, beam.section
+    assert section is not None
     for bending, axial in ("EI", "EA"), ("rhoI", "rhoA"):
-        first, second = beam.section.values(axial, s), beam.section.values(bending, s)
+        first, second = section.values(axial, s), section.values(bending, s)
         if first.all() and second.all():
             return np.sqrt(12 * second / first)
-    raise ValueError(
-        f"thickness needs EA and EI, or rhoA and rhoI, in the section of {beam.name!r}"
-    )
+    return None
 
 
 def is_signed(quantity: str) -> bool:

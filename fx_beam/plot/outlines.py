@@ -1,4 +1,4 @@
-"""Outlines of obstacles: lines with strokes on the side that is not allowed."""
+"""Outlines of obstacles: lines, and on which side of them is what is not allowed."""
 
 from __future__ import annotations
 
@@ -8,25 +8,27 @@ import numpy as np
 
 from fx_beam.results.contact_gaps import nodes_of
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.contacts import Shape, arc_of
+from fx_beam.scene.contacts import Circle, Shape
 from fx_beam.scene.parts import Parts
 
-# Fractions of the scene's size: how far lines go beyond the nearest positions, distance and length
-# of strokes. An obstacle farther away than the size is not drawn.
-_BEYOND, _APART, _STROKE = 0.1, 0.03, 0.016
+# How far lines go beyond the nearest positions, as a fraction of the scene's size. An obstacle
+# farther away than the size is not drawn.
+_BEYOND = 0.1
 
 
 class Outline(NamedTuple):
-    """A line, and strokes on the side that is not allowed."""
+    """A line, and the side that is not allowed."""
 
-    #: Points (n, 2) of the line, and ends (m, 2, 2) of the strokes.
+    #: Points (n, 2) of the line, and unit vectors (n, 2) into the obstacle.
     line: np.ndarray
-    strokes: np.ndarray
+    sides: np.ndarray
+    #: Whether it is a disc.
+    is_disc: bool = False
 
     def moved(self, position: np.ndarray, angle: float) -> Outline:
         """Turned by an angle about the origin, which is then moved to a position."""
         matrix = turn(angle)
-        return Outline(self.line @ matrix + position, self.strokes @ matrix + position)
+        return Outline(self.line @ matrix + position, self.sides @ matrix, self.is_disc)
 
 
 def turn(angle: float) -> np.ndarray:
@@ -37,13 +39,9 @@ def turn(angle: float) -> np.ndarray:
 
 def outline(shape: Shape, positions: np.ndarray, size: float) -> Outline:
     """The outline of a fixed shape that reaches past some positions."""
-    line, outwards = shape.outline(positions, size, _BEYOND * size)
-    s = arc_of(line)
-    places = np.arange(0.5 * _APART * size, s[-1], _APART * size)
-    starts, directions = (interpolated(places, s, values) for values in (line, outwards))
-    aside = 0.8 * directions[:, ::-1] * (1, -1)
-    ends = starts + _STROKE * size * (directions + aside)
-    return Outline(line, np.stack([starts, ends], axis=1))
+    line, sides = shape.outline(positions, size, _BEYOND * size)
+    is_disc = isinstance(shape, Circle) and shape.side > 0 and shape.radius <= size
+    return Outline(line, sides, is_disc)
 
 
 def interpolated(places: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -21,22 +23,39 @@ from fx_beam.scene.parts import Parts
 from fx_beam.scene.pressure import PressureTerm
 from fx_beam.scene.scene import Scene
 
-from .drawing import Drawing, apart, axis, three_digits
+from .drawing import Drawing, axis, three_digits, with_unit, words_over
+from .labels import Labels
+from .look import ACTS, MEMBERS, Colour, Pen, left_of, mixed, theme_of, unit
+from .members import colours_of, draw_members
 from .outlines import interpolated
-from .sheet import Sheet, picture, written
-from .symbols import draw_moving, draw_surroundings, left_of, node_of
+from .sheet import Plane, picture, written
+from .symbols import draw_held, draw_moving, lumped_masses, node_of
 
-# Fractions of the drawing's size: arrows of forces, line loads and motions; radius of rotations.
-_FORCE, _LINE_LOAD, _MOTION, _TURN = 0.12, 0.06, 0.08, 0.045
-_BESIDE = 0.02
-_DRIVEN, _INITIAL, _LOAD, _STRAINED = "#009E73", "#CC79A7", "black", "#D55E00"
+# Lengths of arrows of forces, line loads and motions; radius of turns; beside a member [points].
+_FORCE, _LINE_LOAD, _MOTION, _TURN, _BESIDE = 32.0, 16.0, 24.0, 22.0, 7.0
+_INITIAL, _STRAINED = MEMBERS[2], MEMBERS[3]
 _STRAINS = {"axial": r"$\varepsilon^*$", "shear": r"$\gamma^*$", "curvature": r"$\kappa^*$"}
 #: Times at which a function of time is evaluated, to find its direction [s].
 _TIMES = np.concatenate([[0.0], 2.0 ** np.arange(-12, 8)])
-_ARROWS = 12  # largest number of arrows of a line load or of initial velocities
+_ARROWS = 12  # largest number of arrows of initial velocities
+_APART = 15.0  # distance of arrows of line loads [points]
 
 
-def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
+class _Sheet(NamedTuple):
+    """A drawing with a pen and labels."""
+
+    pen: Pen
+    labels: Labels
+    #: Upper right corner (2,) of the drawing.
+    corner: np.ndarray
+
+    def label(self, words: str, places, colour: Colour, way=(0.0, 0.0), size: float = 8.0) -> None:
+        """Write words near one of some places (n, 2), if possible in a direction."""
+        shade = self.pen.theme.text(colour)
+        self.labels.add(self.pen.ax, words, places, way, size, color=shade)
+
+
+def draw_actions(sheet: _Sheet, scene: Scene, si: bool) -> None:
     """Draw all actions, with values in SI units or without units."""
     drawn = {"force": _force, "moment": _moment, "line load": _line_load}
     for load in scene.loads:
@@ -58,7 +77,7 @@ def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
         elif load.target is None:
             way = load.kind[-1]
             words = _words(f"base: $a_{way}$", load, float(_shown(load)[0]), "m/s$^2$", si)
-            _driven(sheet, sheet.corner(), words, np.eye(2)["xy".index(way)])
+            _driven(sheet, sheet.corner, words, np.eye(2)["xy".index(way)])
 
 
 def _shown(load: Load) -> np.ndarray:
@@ -81,31 +100,31 @@ def _largest(load: Load) -> tuple[float, np.ndarray]:
 def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
     if isinstance(load.value, InputSignal):
         return load.value.name + ", follower" * load.follower
-    value_and_unit = f" = {three_digits(value)}{f' {unit}' if si else ''}"
+    value_and_unit = f" = {with_unit(value, unit) if si else three_digits(value)}"
     return symbol + (load.value.arguments or value_and_unit) + ", follower" * load.follower
 
 
-def _force(sheet: Sheet, load: Load, si: bool) -> None:
+def _force(sheet: _Sheet, load: Load, si: bool) -> None:
     force, tip = _shown(load), position_of(load.target)
-    size = np.hypot(*force)
-    if size > 0:
-        tail = tip - _FORCE * sheet.size * force / size
-        sheet.arrow([tail, tip], linewidth=1.6, color=_LOAD)
-        sheet.label(_words("F", load, size, "N", si), [tail, (tail + tip) / 2], _LOAD)
+    if force.any():
+        way = unit(force)
+        tail, tip = (tip - part * sheet.pen.point * way for part in (_FORCE + 5, 5.0))
+        sheet.pen.arrow([tail, tip], width=2.0, head=8.0)
+        sheet.label(_words("F", load, np.hypot(*force), "N", si), tail, ACTS, -way)
 
 
-def _moment(sheet: Sheet, load: Load, si: bool) -> None:
+def _moment(sheet: _Sheet, load: Load, si: bool) -> None:
     (moment,) = _shown(load)
     if moment:
-        points = _turn(position_of(load.target), sheet.size, np.sign(moment))
-        sheet.arrow(points, linewidth=1.4, color=_LOAD)
-        sheet.label(_words("M", load, moment, "N m", si), points[::4], _LOAD)
+        points = _turn(sheet, position_of(load.target), np.sign(moment))
+        sheet.pen.arrow(points)
+        sheet.label(_words("M", load, moment, "N m", si), points[::4], ACTS)
 
 
-def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
+def _line_load(sheet: _Sheet, load: Load, si: bool) -> None:
     beam: Any = load.target
     first, last = load.between or (0.0, beam.length)
-    arc, points = np.linspace(first, last, _ARROWS + 1), _axis(beam)
+    arc, points = np.linspace(first, last, _count(sheet, last - first)), _axis(beam)
     s = arc_of(points)
     tips = interpolated(arc, s * beam.length / s[-1], points)
     if isinstance(load.value, SignalAlong):
@@ -117,7 +136,7 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     _arrows_along(sheet, tips, loads, load, si)
 
 
-def _pressure(sheet: Sheet, scene: Scene, work: VirtualWork, si: bool) -> None:
+def _pressure(sheet: _Sheet, scene: Scene, work: VirtualWork, si: bool) -> None:
     """Arrows across a beam, on the side from which the pressure pushes."""
     if not isinstance(work.term, PressureTerm):
         return
@@ -126,24 +145,34 @@ def _pressure(sheet: Sheet, scene: Scene, work: VirtualWork, si: bool) -> None:
     load = Load("line load", beam, scene.parameters.functions[work.term.pressure.name])
     points = _axis(beam)
     s = arc_of(points)
-    arc = np.linspace(start, end, _ARROWS + 1) * s[-1] / beam.length
+    arc = np.linspace(start, end, _count(sheet, end - start)) * s[-1] / beam.length
     tangents = interpolated(arc, s, np.gradient(points, s, axis=0))
     tips = interpolated(arc, s, points)
     _arrows_along(sheet, tips, _shown(load) * left_of(tangents), load, si)
 
 
-def _arrows_along(sheet: Sheet, tips: np.ndarray, loads: np.ndarray, load: Load, si: bool) -> None:
-    """Arrows of loads (n, 2) that end at points (n, 2), and a line along their tails."""
-    sizes = np.hypot(*loads.T)
+def _count(sheet: _Sheet, length: float) -> int:
+    """Number of arrows along a length."""
+    return 1 + max(2, min(40, int(length / (_APART * sheet.pen.point))))
+
+
+def _arrows_along(sheet: _Sheet, tips: np.ndarray, loads: np.ndarray, load: Load, si: bool) -> None:
+    """Arrows of loads (n, 2) that end beside points (n, 2), with the area that they cover."""
+    sizes, pen = np.hypot(*loads.T), sheet.pen
     if not sizes.max() > 0:
         return
-    tails = tips - _LINE_LOAD * sheet.size * loads / sizes.max()
-    sheet.line(tails, color=_LOAD, linewidth=0.8)
+    ways = loads / sizes.max()
+    tips = tips - 4.5 * pen.point * ways / np.maximum(np.hypot(*ways.T), 0.05)[:, None]
+    tails = tips - _LINE_LOAD * pen.point * ways
+    pale = mixed(ACTS, pen.theme.paper, 0.82)
+    pen.area(np.concatenate([tips, tails[::-1]]), pale, "none", 0.0, 0.8)
+    pen.line(tails, ACTS, 1.1, 4)
     visible = sizes > 0.05 * sizes.max()
     for tail, tip in zip(tails[visible], tips[visible], strict=True):
-        sheet.arrow([tail, tip], color=_LOAD, linewidth=0.8)
+        pen.arrow([tail, tip], width=1.0, head=5.0, z=4)
     symbol = "p" if load.value.size == 1 else "q"
-    sheet.label(_words(symbol, load, sizes.max(), "N/m", si), tails[1:-1], _LOAD)
+    words = _words(symbol, load, sizes.max(), "N/m", si)
+    sheet.label(words, tails[1:-1], ACTS, -ways.mean(axis=0))
 
 
 def _axis(beam: Beam) -> np.ndarray:
@@ -151,22 +180,22 @@ def _axis(beam: Beam) -> np.ndarray:
     return axis(floats(reference_positions(beam)), beam.degree)
 
 
-def _drags(sheet: Sheet, scene: Scene) -> None:
+def _drags(sheet: _Sheet, scene: Scene) -> None:
     """The word, at each beam and node with drag."""
     targets = {label(drag.target): drag.target for drag in scene.drags}
     for target in targets.values():
         nodes = target.nodes if isinstance(target, Beam) else (target,)
-        sheet.label("drag", [position_of(node) for node in nodes[::-1]], _LOAD)
+        sheet.label("drag", [position_of(node) for node in nodes[::-1]], ACTS)
 
 
-def _natural_strains(sheet: Sheet, scene: Scene, si: bool) -> None:
+def _natural_strains(sheet: _Sheet, scene: Scene, si: bool) -> None:
     """A dashed line beside each beam that has natural strains, with what they are."""
     for strain in scene.natural_strains:
         points = _axis(strain.beam)
         left = left_of(np.gradient(points, axis=0))
         left /= np.hypot(*left.T)[:, None]
-        line = points + _BESIDE * sheet.size * left
-        sheet.line(line, color=_STRAINED, linewidth=1.2, linestyle=(0, (4, 2)))
+        line = points + _BESIDE * sheet.pen.point * left
+        sheet.pen.line(line, _STRAINED, 1.2, dash=(4, 2))
         words = [_of_part(*part, si) for part in strain.parts.items()]
         sheet.label(", ".join(words), line[len(line) // 2 :], _STRAINED)
 
@@ -181,14 +210,14 @@ def _of_part(name: str, value: Signal, si: bool) -> str:
     return symbol + words
 
 
-def _prescribed(sheet: Sheet, scene: Scene) -> None:
+def _prescribed(sheet: _Sheet, scene: Scene) -> None:
     for number, component in scene.prescribed:
         text = ("x(t)", "y(t)", r"$\psi$(t)")[component]
         direction = None if component == 2 else np.eye(2)[component]
         _driven(sheet, position_of(scene.nodes[number]), text, direction)
 
 
-def _motors(sheet: Sheet, scene: Scene) -> None:
+def _motors(sheet: _Sheet, scene: Scene) -> None:
     for joint in scene.joints:
         for name in joint.driven:
             text = {"slide": "motor d(t)", "rotation": r"motor $\psi$(t)"}[name]
@@ -197,20 +226,21 @@ def _motors(sheet: Sheet, scene: Scene) -> None:
             _driven(sheet, position_of(node_of(joint)), text, direction)
 
 
-def _driven(sheet: Sheet, position, text: str, direction: np.ndarray | None) -> None:
+def _driven(sheet: _Sheet, position, text: str, direction: np.ndarray | None) -> None:
     """An arrow with two heads: along a direction, beside a point, or around the point."""
+    pen = sheet.pen
     if direction is None:
-        points = _turn(position, sheet.size, 1.0)
+        points = _turn(sheet, position, 1.0)
         ends = points[::4]
     else:
-        middle = position + 0.04 * sheet.size * left_of(direction)
-        points = middle + _MOTION * sheet.size * np.outer((-1, 0, 1), direction)
+        middle = position + 14.0 * pen.point * left_of(direction)
+        points = middle + _MOTION * pen.point * np.outer((-1, 0, 1), direction)
         ends = points[::-1]
-    sheet.arrow(points, "<-|>", color=_DRIVEN, linewidth=1.4)
-    sheet.label(text, ends, _DRIVEN)
+    pen.arrow(points, both=True)
+    sheet.label(text, ends, ACTS)
 
 
-def _velocities(sheet: Sheet, scene: Scene) -> None:
+def _velocities(sheet: _Sheet, scene: Scene) -> None:
     """Initial velocities, with arrows in proportion to them."""
     velocities: dict[int, np.ndarray] = {}
     for velocity in scene.velocities:
@@ -222,55 +252,57 @@ def _velocities(sheet: Sheet, scene: Scene) -> None:
     for number, value in velocities.items():
         if np.hypot(*value) > 0.02 * largest:
             position = position_of(scene.nodes[number])
-            tips.append(position + _FORCE * sheet.size * value / largest)
-            sheet.arrow([position, tips[-1]], color=_INITIAL)
+            tips.append(position + 1.2 * _FORCE * sheet.pen.point * value / largest)
+            sheet.pen.arrow([position, tips[-1]], _INITIAL, 1.4)
     if tips:
         sheet.label("v(0)", tips, _INITIAL)
 
 
-def _weight(sheet: Sheet, gravity, words: str) -> None:
-    """The acceleration of gravity, beside everything drawn so far."""
-    size = np.hypot(*gravity)
-    tip = sheet.corner() + 0.5 * _FORCE * sheet.size * np.asarray(gravity) / size
-    tail = tip - _FORCE * sheet.size * np.asarray(gravity) / size
-    sheet.arrow([tail, tip], color="0.4")
-    sheet.label(words, [(tail + tip) / 2], "0.4")
+def _weight(sheet: _Sheet, gravity, words: str) -> None:
+    """The acceleration of gravity, beside the upper right corner."""
+    way = unit(gravity)
+    tail, tip = (sheet.corner + part * sheet.pen.point * way for part in (-14.0, 14.0))
+    sheet.pen.arrow([tail, tip], sheet.pen.theme.soft, 1.4)
+    sheet.label(words, (tail + tip) / 2, sheet.pen.theme.soft, left_of(way))
 
 
-def _turn(position, size: float, sense: float) -> np.ndarray:
+def _turn(sheet: _Sheet, position, sense: float) -> np.ndarray:
     """Points (33, 2) of three quarters of a circle about a point."""
     angle = np.pi / 4 + sense * np.linspace(0, 1.5 * np.pi, 33)
-    return position + _TURN * size * np.column_stack([np.cos(angle), np.sin(angle)])
+    arms = np.column_stack([np.cos(angle), np.sin(angle)])
+    return position + _TURN * sheet.pen.point * arms
 
 
-_MEMBER = "#0072B2"
-_DIMENSION = {"color": "0.45", "linewidth": 0.6}
-# Fractions of the drawing's size: distance of dimensions from it, and the shortest dimension shown.
-_AWAY, _SHORTEST = 0.2, 0.04
+_AWAY, _SHORTEST = 40.0, 14.0  # of dimensions from the drawing; the shortest one [points]
 _MANY = 15  # number of members above which their names are small
-_CROWD = 500  # number of members above which they have neither names nor dots
+_CROWD = 500  # number of members above which they have no names
+_ROOM = 40.0  # around the drawing, for loads and labels [points]
 
 
 def scene(
     scene: Scene,
     path: Path | str | None = None,
     scene_unit: str = "m",
-    dimensions: bool = False,
+    dimensions: bool | Sequence[tuple[Node, Node]] = False,
     marks: dict[str, Node] | None = None,
+    nodes: bool = False,
+    title: str = "",
+    theme: str = "light",
 ) -> Figure:
     """Drawing of a scene in its reference configuration.
 
-    Members have their names, and dots between elements, but not if there are more than 500. Bodies
-    are arms from a cross at the centre of mass to their points, with the area between them. Hatched
-    lines are the ground. A pin is a triangle, a roller a triangle with a gap, a clamp a wall. Rings
-    are hinges, squares on dotted lines are slides, discs are lumped masses. A zigzag or a spiral is
-    the spring of a joint, a cup its damper, two thick strokes its friction, bars across a slide or
-    an arc with two ends its stops. A dotted line between two joints is a gear. Grey hatched lines
-    and circles are obstacles. Beams and nodes with drag have the word "drag".
-    Arrows of forces end at their nodes, arrows of initial velocities start there.
-    Prescribed motions, motors and the acceleration of the base have arrows with two heads. Loads
-    that are functions of time are drawn with their largest value. Other virtual works
-    than pressures are not drawn.
+    Members have their names, and their depth where it can be seen. Bodies are their points,
+    rounded, with a quartered disc at the centre of mass; with a contact radius they are wheels.
+    Strips with strokes are the ground. A pin is a triangle, a roller has wheels below it, a clamp
+    is a wall. Rings are hinges, a black plate is a rigid joint; a block between rails, a slot, a
+    carriage on wheels and two jaws are slides. Discs are lumped masses. A coil or a spiral is a
+    spring, a cup a damper, black shoes are friction, walls across a slide or an arc with two ends
+    its stops. Gears have radii in their ratio, pulleys their own. Beams and nodes with drag have
+    the word "drag".
+    What acts is orange: arrows of forces end at their nodes, arrows of initial velocities start
+    there. Prescribed motions, motors and the acceleration of the base have arrows with two heads.
+    Loads that are functions of time are drawn with their largest value. Other virtual works than
+    pressures are not drawn.
 
     Parameters
     ----------
@@ -281,10 +313,16 @@ def scene(
     scene_unit : str
         Unit of length in which the scene is given, for labels; nothing is scaled. With "m"
         masses and loads have SI units, otherwise none.
-    dimensions : bool
-        Whether to write the distances between the ends of members.
+    dimensions : bool or sequence of (Node, Node)
+        Whether to write the distances between the ends of members; or those of some pairs of nodes.
     marks : dict, optional
         Nodes by the names that are written beside them.
+    nodes : bool
+        Whether the nodes between elements have dots.
+    title : str
+        What is written over the drawing.
+    theme : {"light", "dark"}
+        Colours of the drawing.
 
     Returns
     -------
@@ -300,19 +338,30 @@ def scene(
         raise SceneError(f"plot.scene needs an fx_beam.Scene, not {shown(scene)}")
     if not (scene.beams or scene.bodies):
         raise SceneError("plot.scene: the scene has no beams; add one with scene.add_beam")
-    path = picture(path)
-    require(is_flag(dimensions), "dimensions", dimensions, "True or False")
+    path, colours = picture(path), theme_of(theme)
+    for name, value in (("nodes", nodes), ("dimensions", dimensions)):
+        pairs = name == "dimensions" and not isinstance(value, bool)
+        require(pairs or is_flag(value), name, value, "True or False")
     drawing = Drawing(Reference(scene), [0], unit=scene_unit)
-    axes = {beam.name: drawing.axis(beam.name, 0) for beam in scene.beams}
-    sheet = Sheet(drawing.reach)
-    _members(sheet, scene, axes, drawing.thinness)
-    draw_surroundings(sheet.ax, drawing, 0)
-    draw_moving(sheet.ax, drawing, 0)
-    draw_actions(sheet, scene, si=scene_unit == "m")
-    _names(sheet, scene, axes, {} if marks is None else marks, si=scene_unit == "m")
+    parts, si = drawing.parts(0), scene_unit == "m"
+    words, room = words_over(drawing, title), _ROOM + (_AWAY - 16.0) * bool(dimensions)
+    plane = Plane(drawing, colours, title=words, room=room, is_framed=not dimensions)
+    pen = Pen(plane.ax, colours, drawing.thinness)
+    corner = drawing.corners[1] + 18.0 * pen.point
+    sheet = _Sheet(pen, Labels(plane.figure, colours), corner)
+    draw_members(pen, drawing, 0)
+    draw_held(pen, drawing, parts, 0)
+    draw_moving(pen, drawing, 0)
+    draw_actions(sheet, scene, si)
+    if nodes:
+        for beam in scene.beams:
+            pen.ring([(n.x, n.y) for n in beam.nodes], 1.6, colours.ink, width=0.0, z=3.5)
+    _names(sheet, drawing, scene, {} if marks is None else marks, si)
     if dimensions:
-        _dimensions(sheet, scene, drawing.points)
-    return written(sheet.finish(scene_unit), path)
+        _dimensions(sheet, scene, drawing, dimensions)
+    pen.finish()
+    sheet.labels.write()
+    return written(plane.figure, path, is_cut=bool(dimensions))
 
 
 class Reference:
@@ -333,53 +382,64 @@ class Reference:
         self.q = np.zeros((1, len(self.X), 3))
 
 
-def _members(sheet: Sheet, scene: Scene, axes: dict[str, np.ndarray], width: float) -> None:
-    if len(axes) > _CROWD:
-        sheet.line(apart(axes.values()), color=_MEMBER, linewidth=2.5 * width, zorder=2)
-        return
-    for beam in scene.beams:
-        sheet.line(axes[beam.name], color=_MEMBER, linewidth=2.5, zorder=2)
-        ends = [(node.x, node.y) for node in beam.nodes]
-        sheet.ax.plot(*np.transpose(ends), ".", color=_MEMBER, markersize=6, zorder=2)
-
-
-def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -> None:
+def _names(sheet: _Sheet, drawing: Drawing, scene: Scene, marks, si: bool) -> None:
     """Labels of masses, marked nodes and members, in the order of their priority."""
+    ink = sheet.pen.theme.ink
     require(isinstance(marks, dict), "marks", marks, "a dict of nodes by the names to write")
     for name, node in marks.items():
         if getattr(node, "scene", None) is not scene:
             raise SceneError(f"mark {name!r}: {shown(node)} is not a node of the scene")
-        sheet.ax.plot(node.x, node.y, ".", color="black", markersize=5, zorder=4)
-        sheet.label(name, (node.x, node.y))
-    for number, mass, inertia in scene.masses:
+        sheet.pen.ring((node.x, node.y), 1.8, ink, width=0.0, z=7)
+        sheet.label(name, (node.x, node.y), ink)
+    for number, mass, inertia in lumped_masses(drawing, drawing.parts(0)):
         node = scene.nodes[number]
         words = [f"m = {three_digits(mass)}{' kg' if si else ''}"] if mass else []
         words += [f"J = {three_digits(inertia)}{' kg m$^2$' if si else ''}"] if inertia else []
         if words:
-            sheet.label(", ".join(words), (node.x, node.y))
+            sheet.label(", ".join(words), (node.x, node.y), ink)
+    masses = {mass.node: mass.mass for mass in scene.masses}
     for body in scene.bodies:
-        sheet.label(body.name, (body.centre.x, body.centre.y), _MEMBER)
-    size = 9.0 if len(axes) <= _MANY else 5.5
-    for name, points in axes.items() if len(axes) <= _CROWD else ():
+        place = body.centre.x, body.centre.y
+        sheet.label(body.name, place, sheet.pen.theme.soft)
+        if weight := masses.get(body.centre.number):
+            sheet.label(three_digits(weight) + (" kg" if si else ""), place, ink)
+    if len(scene.beams) > _CROWD:
+        return
+    size = 8.0 if len(scene.beams) <= _MANY else 5.5
+    for beam, colour in zip(scene.beams, colours_of(drawing), strict=True):
+        points = drawing.axis(beam.name, 0)
         s = arc_of(points)
         places = interpolated(s[-1] * np.array([0.5, 0.35, 0.65, 0.2, 0.8]), s, points)
-        sheet.label(name, places, _MEMBER, size)
+        sheet.label(beam.name, places, colour, size=size)
 
 
-def _dimensions(sheet: Sheet, scene: Scene, points: np.ndarray) -> None:
-    """Dimension lines below and to the left, between the ends of members and the extremes."""
+def _dimensions(sheet: _Sheet, scene: Scene, drawing: Drawing, chosen) -> None:
+    """Dimension lines of pairs of nodes, or below and to the left between the ends of members."""
+    point, (low, high) = sheet.pen.point, drawing.corners
+    if not isinstance(chosen, bool):
+        for a, b in chosen:
+            pair = np.array([position_of(a), position_of(b)])
+            side = left_of(unit(pair[1] - pair[0]))
+            if side @ (2 * pair.mean(axis=0) - low - high) < 0:
+                side = -side
+            _dimension(sheet, pair + _AWAY / 2 * point * side, side)
+        return
     ends = [(node.x, node.y) for beam in scene.beams for node in (beam.start, beam.end)]
     ends += [(node.x, node.y) for body in scene.bodies for node in body.nodes]
-    low, high = points.min(axis=0), points.max(axis=0)
     for i in (0, 1):
-        values = np.sort(np.concatenate([np.array(ends)[:, i], [low[i], high[i]]]))
-        values = values[np.append(True, np.diff(values) > _SHORTEST * sheet.size)]
+        values = np.sort(np.array(ends)[:, i])
+        values = values[np.append(True, np.diff(values) > _SHORTEST * point)]
         normal = np.eye(2)[1 - i]
-        level = (low[1 - i] - _AWAY * sheet.size) * normal
-        tick = 0.02 * sheet.size * normal
-        for a, b in zip(values[:-1], values[1:], strict=True):
-            tail, tip = (level + value * np.eye(2)[i] for value in (a, b))
-            sheet.arrow([tail, (tail + tip) / 2, tip], "<-|>", **_DIMENSION)
-            ticks = np.array([[point - tick, point + tick] for point in (tail, tip)])
-            sheet.line(apart(ticks), **_DIMENSION)
-            sheet.label(three_digits(b - a), (tail + tip) / 2, "0.3")
+        level = (low[1 - i] - _AWAY * point) * normal
+        for a, b in itertools.pairwise(values):
+            _dimension(sheet, [level + value * np.eye(2)[i] for value in (a, b)], -normal)
+
+
+def _dimension(sheet: _Sheet, ends, side: np.ndarray) -> None:
+    """A dimension line between two points, with ticks, on one side of the drawing."""
+    pen, soft = sheet.pen, sheet.pen.theme.soft
+    tail, tip = map(np.asarray, ends)
+    pen.arrow([tail, tip], soft, 0.7, 6.0, both=True)
+    for place in (tail, tip):
+        pen.line([place - 6 * pen.point * side, place + 3 * pen.point * side], soft, 0.6)
+    sheet.label(three_digits(float(np.hypot(*(tip - tail)))), (tail + tip) / 2, soft, side)

@@ -23,18 +23,23 @@ from . import symbols
 from .backend import check_renderer
 from .drawing import (
     Drawing,
-    Look,
     checked_drawing,
     headings,
     say_if_too_small,
     three_digits,
     time_unit,
-    title,
+    words_over,
 )
-from .members import SEQUENTIAL, Members
+from .labels import Labels
+from .look import Pen, Theme, mixed, theme_of
+from .members import SEQUENTIAL, Members, colours_of, draw_members
 from .sheet import Plane, panels, picture, written
 
 _MANY = 1000  # members above which their tubes have six sides
+
+
+_ROWS = 8  # that are superposed if none are named
+_PALEST, _DARKEST = 0.88, 0.46  # shares of the paper in the first and the last earlier row
 
 
 def shapes(
@@ -50,14 +55,16 @@ def shapes(
     colour_limits: tuple[float, float] | None = None,
     colour_scale: str = "linear",
     thickness: float | None = None,
+    title: str = "",
+    theme: str = "light",
 ) -> Figure:
-    """Picture of superposed deformed shapes, coloured by time or by the order of load steps.
+    """Picture of superposed deformed shapes: the last one with its symbols, earlier ones pale.
 
-    Bodies, lumped masses (discs) and forces on nodes (arrows of their sums) are drawn in all rows,
-    but for forces that are an `Input`. In equilibria they are the forces at the time `t`, times the
-    load factor; forces of the state at the `start` fade. Supports, joints and forces between
-    points have the symbols of `scene`; they are drawn once, where they are in the last of the rows
-    in which the scene has them.
+    Members are as thick as they are, but no thinner than 3.4 points. Supports, joints, ropes and
+    springs have the symbols of `scene`, where they are in the last of the rows in which the scene
+    has them. Bodies and nodes with a contact radius have that size. Forces on nodes are arrows of
+    their sums, but for forces that are an `Input`. In equilibria they are the forces at the time
+    `t`, times the load factor; forces of the state at the `start` fade.
 
     Parameters
     ----------
@@ -74,15 +81,16 @@ def shapes(
     scene_unit : str
         Unit of length in which the scene is given, for labels; nothing is scaled.
     magnify : float
-        Factor on displacements; the title shows it if it is not 1.
+        Factor on displacements; it is written over the picture if it is not 1.
     marks : dict, optional
-        Nodes by the names that are written beside them in the first shape.
+        Nodes by the names that are written beside them in the last shape; their paths are dashed.
     colour : str, optional
+        "time": all shapes are alike, and their colours show the time, or the order of load
+        steps.
         "N", "Q", "M", "stress", "strain energy", "speed", or the name of an internal variable:
-        quantity that the colours show instead of the time: axial force, shear force or bending
-        moment, as in `Solution.resultants`, the larger normal stress of both edges, as
-        `BeamStress.largest`, stored energy per length, or speed. Its unit is given if the unit of
-        length is "m".
+        axial force, shear force or bending moment, as in `Solution.resultants`, the larger normal
+        stress of both edges, as `BeamStress.largest`, stored energy per length, or speed. Its unit
+        is given if the unit of length is "m".
     colour_limits : (float, float), optional
         Values at the ends of the colour scale; by default those that occur. On a log scale the
         smallest and the largest size.
@@ -90,47 +98,74 @@ def shapes(
         Scale of the colours. "log" shows weak and strong values beside each other; N, Q and M keep
         their signs, with a linear part up to the smallest size.
     thickness : float, optional
-        Factor on the depth of the members, which are then drawn as thick as they are: 1 is true.
-        The depth is that with which a member touches others, twice the radius of its contact; else
-        that of a rectangle, sqrt(12 EI / EA), or sqrt(12 rhoI / rhoA) without EA; a circle's
-        diameter is 1.155 times that. By default members are lines.
+        Factor on the depth of the members, which are then drawn with all changes of their depth,
+        and also where they are thin: 1 is true. The depth is that with which a member touches
+        others, twice the radius of its contact; else that of a rectangle, sqrt(12 EI / EA), or
+        sqrt(12 rhoI / rhoA) without EA; a circle's diameter is 1.155 times that.
+    title : str
+        What is written over the picture, before the times that are shown.
+    theme : {"light", "dark"}
+        Colours of the picture.
 
     Returns
     -------
     matplotlib.figure.Figure
         The picture.
     """
-    path = picture(path)
-    drawing = checked_drawing(solution, magnify, scene_unit, 8, rows, times, count)
-    shown = drawing.rows
-    members = Members(drawing, thickness, colour, colour_limits, colour_scale)
+    path, colours = picture(path), theme_of(theme)
+    drawing = checked_drawing(solution, magnify, scene_unit, _ROWS, rows, times, count)
+    shown, by_time = drawing.rows, isinstance(colour, str) and colour == "time"
+    quantity = None if by_time else colour
+    members = Members(drawing, thickness, quantity, colour_limits, colour_scale)
     drawing.include(members.corners)
-    single = headings(solution, solution.t[shown]) if len(shown) == 1 else []
-    plane = Plane(drawing, bar=not single or colour is not None)
+    marks = symbols.checked_marks(drawing, marks)
+    ends = headings(solution, solution.t[[shown[-1], shown[0]]])
+    heading = ends[0] if by_time or len(shown) < 2 else f"{ends[0]} (paler: from {ends[1]})"
+    words = words_over(drawing, title, [] if by_time and len(shown) > 1 else [heading])
+    bar = quantity is not None or (by_time and len(shown) > 1)
+    plane = Plane(drawing, colours, bar, words)
     say_if_too_small(drawing)
-    ax = plane.ax
-    ax.set_title(", ".join([title(drawing), *single]), fontsize="medium")
-    shades: Any = ["0.35"] * len(shown)
-    if colour is not None:
+    ax, last = plane.ax, shown[-1]
+    pen = Pen(ax, colours, drawing.thinness)
+    shades: Any = [None] * len(shown)
+    if quantity is not None:
         plane.draw_bar(members.scale, **members.bar)
-    elif single:
-        shades = [SEQUENTIAL(0.0)]
-    else:
-        shades = _colours_of_times(plane, drawing)
-    if colour is None and thickness is None:
+    elif by_time:
+        shades = [SEQUENTIAL(0.0)] if len(shown) == 1 else _colours_of_times(plane, drawing)
+    if by_time and thickness is None:
         # With a parallel projection matplotlib's axes fit the picture exactly.
-        extent = np.transpose(drawing.window).ravel()
-        ax.imshow(_tubes(drawing, shades), extent=extent, interpolation="antialiased")
-    else:
-        for order, (k, shade) in enumerate(zip(shown, shades, strict=True)):
-            look = {} if colour else {"facecolor": shade}
-            members.move(ax.add_collection(members.collection(2.2, 2 + 1e-4 * order, **look)), k)
-    for k, shade in zip(shown, shades, strict=True):
-        symbols.draw_moving(ax, drawing, k, shade, small=True)
-        symbols.draw_forces(ax, drawing, k, shade)
-    symbols.draw_past(ax, drawing)
-    symbols.draw_surroundings(ax, drawing, shown[-1])
-    symbols.draw_marks(ax, drawing, shown[0], marks)
+        limits = ax.get_xlim(), ax.get_ylim()
+        ax.imshow(_tubes(limits, drawing, shades, colours), extent=np.ravel(limits), zorder=0.5)
+    for order, (k, shade) in enumerate(zip(shown, shades, strict=True)):
+        is_last = order == len(shown) - 1
+        share = _PALEST - (_PALEST - _DARKEST) * order / max(1, len(shown) - 2)
+        own = pen if is_last else Pen(ax, colours, drawing.thinness, share)
+        if quantity is not None or (thickness is not None and by_time):
+            look = {} if quantity else {"facecolor": shade}
+            drawn = ax.add_collection(members.collection(own, 3 + 1e-4 * order, **look))
+            members.move(drawn, k)
+        elif thickness is not None:
+            faces = [mixed(face, colours.paper, own.fade) for face in colours_of(drawing)]
+            look = {"facecolor": members.per_piece(faces), "zorder": 2 + is_last}
+            members.move(ax.add_collection(members.collection(own, **look)), k)
+        elif not by_time:
+            draw_members(own, drawing, k, ghost=not is_last)
+        symbols.draw_moving(own, drawing, k, ghost=not is_last)
+        symbols.draw_forces(own, drawing, k)
+        if not is_last:
+            own.finish()
+    symbols.draw_past(pen, drawing)
+    symbols.draw_held(pen, drawing, drawing.parts(last), last)
+    labels = Labels(plane.figure, colours)
+    for name, node in marks.items():
+        if len(shown) > 1:
+            path_rows = slice(min(shown), max(shown) + 1)
+            pen.line(drawing.positions(node.number, path_rows), colours.soft, 1.0, 2.9, (3, 2))
+        place = drawing.positions(node.number, last)
+        pen.ring(place, 1.5, colours.ink, width=0.0, z=7)
+        labels.add(ax, name, place, (1, 1))
+    pen.finish()
+    labels.write()
     return written(plane.figure, path)
 
 
@@ -152,14 +187,14 @@ def _colours_of_times(plane: Plane, drawing: Drawing) -> np.ndarray:
     return shades
 
 
-def _tubes(drawing: Drawing, shades: np.ndarray) -> np.ndarray:
+def _tubes(limits, drawing: Drawing, shades: np.ndarray, theme: Theme) -> np.ndarray:
     """Picture of the members in all rows, seen along z; later ones cover earlier ones."""
-    (low, high), size = drawing.window, np.ptp(drawing.window, axis=0)
-    centre = (low + high) / 2
+    low, high = np.transpose(limits)
+    size, centre = high - low, (low + high) / 2
     window = [int(pixels) for pixels in 1600 * size / max(size)]
     check_renderer()
     plotter: Any = pv.Plotter(off_screen=True, window_size=window)
-    plotter.set_background("white")
+    plotter.set_background(theme.paper)
     radius = 0.0025 * max(size) * drawing.thinness
     beams = drawing.solution.beams
     for order, (k, shade) in enumerate(zip(drawing.rows, shades, strict=True) if beams else ()):
@@ -182,15 +217,16 @@ def _tubes(drawing: Drawing, shades: np.ndarray) -> np.ndarray:
     return picture
 
 
-_MODE = "#0072B2"
 _SIZE = 0.15  # largest displacement, as a fraction of the scene's size
-_BORDER = np.array((0.0, 0.3))  # of a panel, for its title [inch]
 # Rows of a vibration.
 _AT_REST, _MOVED, _LATER = range(3)
 
 
 def modes(
-    modes: Modes | BucklingModes, path: Path | str | None = None, count: int | None = None
+    modes: Modes | BucklingModes,
+    path: Path | str | None = None,
+    count: int | None = None,
+    theme: str = "light",
 ) -> Figure:
     """Picture of mode shapes, side by side, over the configuration to which they belong.
 
@@ -205,14 +241,16 @@ def modes(
         Picture to write; its ending gives the format.
     count : int, optional
         Number of modes to draw, from the lowest; all by default.
+    theme : {"light", "dark"}
+        Colours of the picture.
 
     Returns
     -------
     matplotlib.figure.Figure
-        The picture, with a panel for each mode. Their titles have its number, from 0 as in `Modes`,
-        and its frequency or load factor.
+        The picture, with a panel for each mode. Their titles count from 1: mode 1 is row 0 of
+        `Modes`. They have its frequency or load factor.
     """
-    path = picture(path)
+    path, colours = picture(path), theme_of(theme)
     titles: list[str] = []
     if isinstance(modes, BucklingModes):
         titles = [f"load factor {three_digits(factor)}" for factor in modes.load_factors]
@@ -226,15 +264,16 @@ def modes(
     count = int(count)
     still = Drawing(_vibration(modes, 0, 0.0), [_AT_REST])
     size = _SIZE * still.reach
-    low, high = still.window
-    low, high = low - size, high + size
-    fig, _, _ = panels(count, high - low, _BORDER)
-    for mode, ax in enumerate(fig.axes):
-        ax.axis("off")
-        ax.set_title(f"mode {mode}: {titles[mode]}", fontsize="small")
-        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-        _draw(ax, Drawing(_vibration(modes, mode, size), [_AT_REST]), modes.shapes[mode])
-    return written(fig, path)
+    low, high = still.corners + np.array([[-size], [size]])
+    figure, axes, point = panels(count, high - low, colours, 18.0, title=32.0)
+    for mode, ax in enumerate(axes):
+        ax.set_title(f"mode {mode + 1}: {titles[mode]}", fontsize=8, pad=2)
+        half = point * ax.get_window_extent().size * 72 / figure.dpi / 2
+        left, bottom = (low + high) / 2 - half
+        right, top = (low + high) / 2 + half
+        ax.set(xlim=(left, right), ylim=(bottom, top))
+        _draw(ax, colours, Drawing(_vibration(modes, mode, size), [_AT_REST]), modes.shapes[mode])
+    return written(figure, path)
 
 
 def _vibration(modes: Modes, mode: int, size: float) -> SimpleNamespace:
@@ -247,22 +286,23 @@ def _vibration(modes: Modes, mode: int, size: float) -> SimpleNamespace:
     return SimpleNamespace(X=modes.positions, q=q, contacts=(), parts=((0, parts),), **members)
 
 
-def _draw(ax, drawing: Drawing, mode_rows: np.ndarray) -> None:
-    looks: dict[int, Look] = {
-        _AT_REST: {"color": "0.7", "linewidth": 1.0},
-        _MOVED: {"color": _MODE},
-    }
+def _draw(ax, theme: Theme, drawing: Drawing, mode_rows: np.ndarray) -> None:
+    scale = 0.75 * drawing.thinness
+    rest, moved = (Pen(ax, theme, scale, fade) for fade in (0.8, 0.0))
+    draw_members(rest, drawing, _AT_REST, ghost=True)
+    draw_members(moved, drawing, _MOVED)
     if abs(mode_rows.imag).max() > 0.01 * abs(mode_rows).max():
-        looks[_LATER] = {"color": _MODE, "linewidth": 1.0, "linestyle": "--"}
-    for row, look in looks.items():
-        lines = [drawing.axis(name, row) for name in drawing.solution.beams]
-        symbols.draw_lines(ax, lines, **{"linewidth": 2.0 * drawing.thinness, "zorder": 2} | look)
-        if row != _LATER:
-            symbols.draw_bodies(ax, drawing, row, look["color"], small=True)
+        for name in drawing.solution.beams:
+            moved.line(drawing.axis(name, _LATER), theme.soft, 1.0, 3.5, (4, 2))
+    symbols.draw_moving(rest, drawing, _AT_REST, ghost=True)
+    symbols.draw_moving(moved, drawing, _MOVED)
     parts = drawing.parts(_MOVED)
-    symbols.draw_between(ax, drawing, parts, _MOVED)
-    symbols.draw_hinges(ax, drawing, parts, _MOVED)
-    symbols.Supports(drawing, parts).draw(ax, _AT_REST)
+    for number, support in drawing.once(symbols.supports_of, parts).items():
+        symbols.draw_support(moved, drawing.positions(number, _AT_REST), support)
+    symbols.draw_joints(moved, drawing, parts, _MOVED)
+    symbols.draw_between(moved, drawing, parts, _MOVED)
+    rest.finish()
+    moved.finish()
 
 
 def _kind(modes: Modes, mode: int) -> str:

@@ -1,114 +1,27 @@
-"""Symbols in pictures: supports, joints, masses, bodies, springs, dampers, friction, forces."""
+"""Symbols in pictures: supports, joints, gears, springs, ropes, masses, bodies, obstacles."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.collections import PolyCollection
-from numpy.typing import ArrayLike
 
 from fx_beam.errors import require
 from fx_beam.scene.beam import Node
 from fx_beam.scene.coordinate import Coordinate
+from fx_beam.scene.gears import Gear
 from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.loads import Mass
 from fx_beam.scene.parts import Parts
 
-from .drawing import Colour, Drawing, Look, apart, feet, line_between
+from .drawing import Drawing, feet, line_between
+from .look import ACTS, MEMBERS, ROPE, Pen, circle, hull, left_of, mixed, rounded, unit
 from .outlines import Outline
 
-# Fractions of the drawing's size: height of a support, length of a wall, its strokes, half of the
-# shortest guide, and what guides have beyond the path on them.
-_HEIGHT, _WALL, _STROKE, _GUIDE, _MORE = 0.032, 0.08, 0.016, 0.12, 0.04
-_MARKER = 0.016  # size of a marker, as a fraction of the longer side of the axes
-_WHITE: Look = {"color": "white", "markeredgecolor": "black", "zorder": 6}
-_THIN: Look = {"linewidth": 0.7, "zorder": 3}
-_RAIL: Look = {"linewidth": 1.2, "linestyle": ":", "zorder": 1}
 _SIDES = np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
-
-
-class Strokes(NamedTuple):
-    """Lines of a symbol in units of the drawing's size, and the marker at its node."""
-
-    thick: list[np.ndarray]
-    thin: list[np.ndarray]
-    marker: str = ""  # "o" for a pin, "s" where the rotation is held, as in matplotlib
-
-    def at(self, position: np.ndarray, unit: float) -> Strokes:
-        """The lines moved to a position, times a unit."""
-        thick, thin = ([position + unit * line for line in lines] for lines in self[:2])
-        return Strokes(thick, thin, self.marker)
-
-
-class Supports:
-    """Supports and guides on the ground, each on a side without members.
-
-    A pin is a triangle, a roller a triangle with a gap, a clamp a wall. They move with their nodes.
-
-    Attributes
-    ----------
-    symbols : dict
-        The strokes of each support by the number of its node.
-    """
-
-    def __init__(self, drawing: Drawing, parts: Parts):
-        self._drawing = drawing
-        self._guides: list[Joint] = []
-        fixed: dict[int, set[int]] = {}
-        for number, component in parts.fixed:
-            fixed.setdefault(number, set()).add(component)
-        for joint in filter(is_grounded, parts.joints):
-            if joint.axis is not None:
-                self._guides.append(joint)
-            else:
-                fixed[node_of(joint).number] = {0, 1, 2} if joint.is_rigid else {0, 1}
-        leaving = _leaving(drawing, set(fixed))
-        self.symbols = {n: _support(fixed[n], np.array(leaving[n])) for n in sorted(fixed)}
-
-    def draw(self, ax, k: int) -> None:
-        """Draw the supports in row k, and the guides."""
-        drawing, symbols = self._drawing, self.symbols
-        unit, guides = drawing.size * drawing.thinness, [*map(self._guide, self._guides)]
-        strokes = [symbol.at(drawing.positions(n, k), unit) for n, symbol in symbols.items()]
-        strokes += [wall for _, wall in guides]
-        thick = [line for stroke in strokes for line in stroke.thick]
-        draw_lines(ax, thick, linewidth=1.2, zorder=3)
-        draw_lines(ax, [line for stroke in strokes for line in stroke.thin], **_THIN)
-        draw_lines(ax, [guide for guide, _ in guides], **_RAIL)
-        for marker in "os":
-            if nodes := [number for number, symbol in symbols.items() if symbol.marker == marker]:
-                size = marker_size(ax, drawing)
-                ax.plot(*drawing.positions(nodes, k).T, marker, markersize=size, **_WHITE)
-
-    def _guide(self, joint) -> tuple[np.ndarray, Strokes]:
-        """A guide along an axis, as long as the path on it, and its wall."""
-        drawing, axis, size = self._drawing, joint.direction, self._drawing.size
-        number = node_of(joint).number
-        start = drawing.solution.X[number]
-        slides = (drawing.positions(number, list(drawing.rows)) - start) @ axis
-        low, high = min(0.0, slides.min()), max(0.0, slides.max())
-        margin = max(_MORE * size, _GUIDE * size - (high - low) / 2)
-        ends = low - margin, high + margin
-        away = left_of(axis) if axis[0] < -1e-9 else -left_of(axis)
-        middle = start + np.mean(ends) * axis + 0.025 * size * away
-        wall = wall_strokes(away, (ends[1] - ends[0]) / size).at(middle, size)
-        return start + np.outer(ends, axis), wall
-
-
-def draw_lines(ax, lines: list[np.ndarray], **look) -> None:
-    """Draw lines (n, 2) as one, black if no colour is given."""
-    if lines:
-        ax.plot(*apart(lines).T, **{"color": "black"} | look)
-
-
-def marker_size(ax, drawing: Drawing) -> float:
-    """Size of the marker of a support [points], which fits its lines also in small panels."""
-    longest = max(ax.get_window_extent().size) * 72 / ax.figure.dpi
-    return max(2.5, _MARKER * longest * drawing.thinness)
+_FORCE = 0.02  # smallest force that is drawn, as a fraction of the largest
 
 
 def is_grounded(joint: Joint) -> bool:
@@ -121,21 +34,29 @@ def node_of(joint: Joint) -> Node:
     return joint.a if joint.b is GROUND else joint.b
 
 
-def wall_strokes(away: np.ndarray, length: float = _WALL, foot: ArrayLike = (0.0, 0.0)) -> Strokes:
-    """A line across a direction, with strokes on its far side."""
-    line_way = length * left_of(away)
-    starts = np.outer(np.arange(-0.4, 0.6, 0.2 * _WALL / length), line_way) + foot
-    ends = starts + _STROKE * (away - 0.8 * left_of(away))
-    line = foot + np.outer((-0.5, 0.5), line_way)
-    return Strokes([line], list(np.stack([starts, ends], axis=1)))
+# -- Supports --------------------------------------------------------------------------------------
 
 
-def left_of(direction: np.ndarray) -> np.ndarray:
-    """Directions (..., 2) turned by 90 degrees to the left."""
-    return np.stack([-direction[..., 1], direction[..., 0]], axis=-1)
+class Support(NamedTuple):
+    """A support: "pin", "roller", "clamp", "guide" or "turn", and the direction into the ground."""
+
+    kind: str
+    away: np.ndarray
 
 
-def _leaving(drawing: Drawing, numbers: set[int]) -> dict[int, list[np.ndarray]]:
+def supports_of(drawing: Drawing, parts: Parts) -> dict[int, Support]:
+    """Supports by the numbers of their nodes, each on a side without members."""
+    fixed: dict[int, set[int]] = {}
+    for number, component in parts.fixed:
+        fixed.setdefault(number, set()).add(component)
+    for joint in parts.joints:
+        if is_grounded(joint) and joint.axis is None:
+            fixed[node_of(joint).number] = {0, 1, 2} if joint.is_rigid else {0, 1}
+    leaving = leaving_of(drawing, set(fixed))
+    return {number: _support(fixed[number], np.array(leaving[number])) for number in sorted(fixed)}
+
+
+def leaving_of(drawing: Drawing, numbers: set[int]) -> dict[int, list[np.ndarray]]:
     """Directions (2,) in which members leave each of some nodes at the start."""
     directions: dict[int, list[np.ndarray]] = {number: [] for number in numbers}
     X = drawing.solution.X
@@ -143,30 +64,22 @@ def _leaving(drawing: Drawing, numbers: set[int]) -> dict[int, list[np.ndarray]]
     bodies = drawing.solution.bodies.values()
     segments += [(body.centre, node) for body in bodies for node in body.points.values()]
     for first, last in segments:
-        way = X[last.number] - X[first.number]
-        for node, side in ((first, 1.0), (last, -1.0)):
-            if node.number in numbers and way.any():
-                directions[node.number].append(side * way / np.hypot(*way))
+        for node, other in ((first, last), (last, first)):
+            if node.number in numbers and (way := X[other.number] - X[node.number]).any():
+                directions[node.number].append(unit(way))
     return {number: parts or [np.array([0.0, 1.0])] for number, parts in directions.items()}
 
 
-def _support(components: set[int], leaving: np.ndarray) -> Strokes:
+def _support(components: set[int], leaving: np.ndarray) -> Support:
     moves = {0, 1} - components
-    if moves == {0, 1}:  # only the rotation is held
-        return Strokes([], [], "s")
     if components == {0, 1, 2}:
-        return wall_strokes(_across(leaving))
+        return Support("clamp", _across(leaving))
     # Below, or above if a member leaves downwards; a roller across its free direction.
     away = -np.eye(2)[0 if moves == {1} else 1]
     if (leaving @ away).max() > 0.5:
         away = -away
-    gap = 0.25 * _HEIGHT if moves else 0.0
-    if 2 in components:
-        return wall_strokes(away, foot=gap * away)._replace(marker="s")
-    foot, half_base = _HEIGHT * away, 0.6 * _HEIGHT * left_of(away)
-    triangle = np.array([(0.0, 0.0), foot + half_base, foot - half_base, (0.0, 0.0)])
-    wall = wall_strokes(away, foot=foot + gap * away)
-    return Strokes([triangle, *wall.thick], wall.thin, "o")
+    kind = "turn" if len(moves) == 2 else "guide" if 2 in components else "roller"
+    return Support(kind if moves else "pin", away)
 
 
 def _across(leaving: np.ndarray) -> np.ndarray:
@@ -177,249 +90,195 @@ def _across(leaving: np.ndarray) -> np.ndarray:
     return _SIDES[(_SIDES @ -mean).round(6).argmax()]
 
 
-def slide_direction(drawing: Drawing, joint, k: int) -> np.ndarray:
+_TRIANGLE = np.array([(0, 0), (8, -13), (-8, -13)])
+_PLATE = np.array([(-10, 0), (10, 0), (10, -4), (-10, -4)])
+_SQUARE = 4 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+
+
+def draw_support(pen: Pen, place: np.ndarray, support: Support) -> None:
+    """Draw a triangle on the ground for a pin, with wheels for a roller, or a wall for a clamp."""
+    kind, away = support
+    across = left_of(away)
+    if kind == "turn":
+        pen.area(pen.at(place, _SQUARE), pen.theme.paper, z=6)
+        return
+    if kind == "clamp":
+        pen.wall(place, away, depth=7.0)
+        return
+    foot = 13.0 if kind in ("pin", "roller") else 4.0
+    pen.area(pen.at(place, _TRIANGLE if foot > 4 else _PLATE, across), width=1.2, z=4)
+    if kind != "pin":
+        wheels = [(x, -foot - 2.6) for x in (-5, 5)]
+        pen.ring(pen.at(place, wheels, across), 2.4, width=1.0, z=4)
+        foot += 5.2
+    pen.wall(place + foot * pen.unit * away, away, 30.0)
+    if kind != "guide":
+        draw_pin(pen, place)
+
+
+def draw_pin(pen: Pen, places) -> None:
+    """Draw rings with a dot at some places."""
+    pen.ring(places, 4.0, z=6)
+    pen.ring(places, 0.9, pen.theme.ink, width=0.0, z=6.1)
+
+
+# -- All that is in a row --------------------------------------------------------------------------
+
+
+def draw_held(pen: Pen, drawing: Drawing, parts: Parts, k: int) -> None:
+    """Draw supports, joints, gears, springs, ropes and fixed obstacles of a scene in row k."""
+    for outline in drawing.obstacles.fixed(parts):
+        draw_outline(pen, outline)
+    for number, support in drawing.once(supports_of, parts).items():
+        draw_support(pen, drawing.positions(number, k), support)
+    draw_joints(pen, drawing, parts, k)
+    draw_between(pen, drawing, parts, k)
+
+
+def draw_past(pen: Pen, drawing: Drawing) -> None:
+    """Draw what the scene has no more in the last row, where it was last."""
+    last = drawing.parts(drawing.rows[-1])
+    for parts, places in drawing.stretches[:-1]:
+        draw_held(pen, drawing, parts.without(last), drawing.rows[places[-1]])
+
+
+def draw_moving(pen: Pen, drawing: Drawing, k: int, ghost: bool = False) -> None:
+    """Draw arms, bodies, balls, carried obstacles and masses of row k; of ghosts outlines only."""
+    parts = drawing.parts(k)
+    for outline in drawing.obstacles.carried(parts, k):
+        draw_outline(pen, outline, ghost)
+    for wheel in drawing.circles(parts, k):
+        pen.area(wheel[1:-1], "none" if ghost else None, width=1.0 if ghost else 1.3, z=2.2)
+        if not ghost:
+            pen.line(wheel[:2], z=2.3)
+    _draw_bodies(pen, drawing, k, ghost)
+    if not ghost:
+        _draw_arms(pen, drawing, parts, k)
+    _draw_masses(pen, drawing, parts, k)
+
+
+def draw_outline(pen: Pen, outline: Outline, ghost: bool = False) -> None:
+    """Draw an obstacle: a disc, or a line of the ground with strokes on one side."""
+    if ghost:
+        pen.line(outline.line, z=1)
+    elif outline.is_disc:
+        pen.area(outline.line[:-1], width=1.3, z=2.1)
+        pen.line([outline.line.mean(axis=0), outline.line[len(outline.line) // 4]], z=2.3)
+    else:
+        pen.ground(outline.line, outline.sides, 7.0, z=1)
+
+
+def _draw_bodies(pen: Pen, drawing: Drawing, k: int, ghost: bool) -> None:
+    """Draw bodies as their points, rounded, with the centre of mass."""
+    face = "none" if ghost else None
+    for body in drawing.solution.bodies.values():
+        corners = drawing.positions([node.number for node in body.nodes], k)
+        if len(corners) > 1:
+            pen.area(rounded(corners, 4.0 * pen.unit), face, width=1.0 if ghost else 1.2, z=2.5)
+        if not ghost:
+            _draw_centre(pen, corners[0])
+        elif len(corners) == 1 and body.centre.number not in drawing.parts(k).radii:
+            pen.ring(corners, 4.2, "none", width=1.0, z=2.5)
+
+
+def _draw_centre(pen: Pen, place: np.ndarray) -> None:
+    """Draw a centre of mass: a quartered disc."""
+    pen.ring(place, 4.2, width=0.9, z=6.5)
+    for start in (0, 12):
+        arc = circle(np.zeros(2), 4.2, 24)[start : start + 7]
+        pen.area(pen.at(place, [(0, 0), *arc]), pen.theme.ink, "none", 0.0, 6.6)
+
+
+def _draw_masses(pen: Pen, drawing: Drawing, parts: Parts, k: int) -> None:
+    """Draw lumped masses on members as discs whose volumes are in proportion."""
+    lumped = lumped_masses(drawing, parts)
+    largest = max((mass.mass for mass in lumped), default=0.0)
+    for mass in lumped:
+        if mass.mass > 0:
+            radius = max(2.5, 6.0 * (mass.mass / largest) ** (1 / 3))
+            pen.ring(drawing.positions(mass.node, k), radius, pen.theme.soft, width=1.0, z=5.5)
+
+
+def lumped_masses(drawing: Drawing, parts: Parts) -> list[Mass]:
+    """Masses that are not those of bodies."""
+    centres = {body.centre.number for body in drawing.solution.bodies.values()}
+    return [mass for mass in parts.masses if mass.node not in centres]
+
+
+def _draw_arms(pen: Pen, drawing: Drawing, parts: Parts, k: int) -> None:
+    """Draw rigid arms from nodes to joints with an offset."""
+    centres = {body.centre for body in drawing.solution.bodies.values()}
+    for joint in parts.joints:
+        is_of_body = joint.is_rigid and joint.a in centres
+        if joint.offset.any() and not (is_of_body or is_grounded(joint)):
+            start = drawing.positions(joint.a.number, k)
+            pen.line([start, _origin(drawing, joint, k)], width=2.0, z=2.8)
+
+
+# -- Forces and names ------------------------------------------------------------------------------
+
+
+def draw_forces(pen: Pen, drawing: Drawing, k: int) -> None:
+    """Draw arrows of forces on nodes, with lengths in proportion; very small ones are left out."""
+    for node, force in drawing.forces[k].items():
+        if np.hypot(*force) > _FORCE * drawing.largest_force:
+            pen.arrow(drawing.arrow(node, k), width=2.0, head=8.0)
+
+
+def checked_marks(drawing: Drawing, marks: dict[str, Node] | None) -> dict[str, Node]:
+    """Nodes by the names to write; SceneError for others than those of the solution."""
+    marks = {} if marks is None else marks
+    require(isinstance(marks, dict), "marks", marks, "a dict of nodes by the names to write")
+    for node in marks.values():
+        drawing.solution.position(node)
+    return marks
+
+
+# -- Joints ----------------------------------------------------------------------------------------
+
+
+def draw_joints(pen: Pen, drawing: Drawing, parts: Parts, k: int) -> None:
+    """Draw hinges, slides, gears, and what acts on their angles and slides."""
+    hinges = []
+    centres = {body.centre for body in drawing.solution.bodies.values()}
+    for joint in parts.joints:
+        place = drawing.positions(node_of(joint).number, k)
+        if joint.slide is not None:
+            _draw_slide(pen, drawing, parts, joint, place, k)
+        elif not (joint.is_rigid or is_grounded(joint)):
+            hinges.append(place)
+        elif not (joint.a in centres or joint.offset.any() or is_grounded(joint)):
+            _draw_gusset(pen, drawing, parts, joint, k)
+        if joint.rotation is not None:
+            _draw_around(pen, place, joint.rotation)
+    if hinges:
+        draw_pin(pen, hinges)
+    for number, gear in enumerate(parts.gears):
+        _draw_gear(pen, drawing, gear, number, k)
+
+
+def _draw_gusset(pen: Pen, drawing: Drawing, parts: Parts, joint: Joint, k: int) -> None:
+    """Draw a plate over the ends of members that a rigid joint connects."""
+    known = drawing.once(_rigid_ways, parts)
+    ways = [drawing.turned(n, k, way) for n in (joint.a, joint.b) for way in known[n.number]]
+    place = drawing.positions(joint.b.number, k)
+    ends = [c * 4.5 * left_of(way) + s * way for way in ways for c in (-1, 1) for s in (0.0, 12.0)]
+    pen.area(hull(place + pen.unit * np.array(ends)), pen.theme.ink, "none", 0.0, 5)
+
+
+def _rigid_ways(drawing: Drawing, parts: Parts) -> dict[int, list[np.ndarray]]:
+    """Directions of members at rigid joints."""
+    rigid = (joint for joint in parts.joints if joint.is_rigid and not is_grounded(joint))
+    return leaving_of(drawing, {node.number for joint in rigid for node in (joint.a, joint.b)})
+
+
+def slide_direction(drawing: Drawing, joint: Any, k: int) -> np.ndarray:
     """Unit vector (2,) of a slide in row k; on a beam the direction between two of its nodes."""
     if joint.axis is not None:
         return drawing.turned(joint.a, k, joint.direction)
     positions = drawing.positions(drawing.solution.nodes_of_beam[joint.beam.name], k)
     nearest = int(np.argmin(np.hypot(*(positions - drawing.positions(joint.b.number, k)).T)))
-    tangent = np.gradient(positions, axis=0)[nearest]
-    return tangent / np.hypot(*tangent)
-
-
-# Lines of symbols, and shoes of friction.
-_FINE: Look = {"linewidth": 0.9, "zorder": 2}
-_LOOKS = {
-    "guide": _FINE | {"linestyle": ":"},
-    "pull": _FINE | {"linestyle": (0, (6, 3))},
-    "friction": _FINE | {"linewidth": 2.5, "solid_capstyle": "butt"},
-    "stop": _FINE | {"linewidth": 1.5},
-}
-_ARROW: Look = {"angles": "xy", "scale_units": "xy", "scale": 1, "units": "inches"}
-# Fractions of the drawing's size: width of a spring, its far end on the ground, what a guide on a
-# node has beyond its ends, length of the wall of a force.
-_SPRING_WIDTH, _SPRING_END, _BEYOND, _SHORT_WALL = 0.02, 0.15, 0.06, 0.05
-# Points of a damper around a hinge, in widths of a spring: two arcs, and a plate between them.
-_ARC = np.linspace(0.3, 1.7, 12)
-_ROUND = np.column_stack([np.cos(_ARC), np.sin(_ARC)])
-_GAP = np.full((1, 2), np.nan)
-_PLATE = np.outer((1.4, 1.9), (np.cos(1.0), np.sin(1.0)))
-# Shoes of a brake on both sides, in widths of a spring: along a slide and around a hinge.
-_SHOES = np.concatenate([[(-1.5, 1.6), (1.5, 1.6)], _GAP, [(-1.5, -1.6), (1.5, -1.6)]])
-_BENT = np.linspace(-0.5, 0.5, 8)
-_ROUND_SHOE = 2.5 * np.column_stack([np.cos(_BENT), np.sin(_BENT)])
-_BENT_SHOES = np.concatenate([_ROUND_SHOE, _GAP, -_ROUND_SHOE])
-_BENT_CUP = np.concatenate([1.25 * _ROUND, 2.05 * _ROUND[::-1], _GAP, _PLATE])
-_TURN = np.linspace(0, 5 * np.pi, 60)
-_SPIRAL = (_TURN * np.array([np.cos(_TURN), np.sin(_TURN)]) / _TURN[-1]).T
-# Two bars that end an arc around a hinge, and the bar that ends a slide.
-_ENDS = np.array([2.4, 3.6, 3.0])[:, None]
-_BENT_STOP = np.concatenate([_ENDS * _ROUND[0], 3.0 * _ROUND, _ENDS[::-1] * _ROUND[-1]])
-_BAR = np.array([(0.0, -1.6), (0.0, 1.6)])
-_AROUND = {"spring": _SPIRAL, "damper": _BENT_CUP, "friction": _BENT_SHOES, "stop": _BENT_STOP}
-# A spring and a damper along a line: fractions of its length, and widths of a spring beside it.
-_FRACTIONS = [0, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 1]
-_ZIGZAG = np.column_stack([_FRACTIONS, [0, 0, *[1, -1] * 3, 1, 0, 0]])
-_ROD = np.concatenate([[(0, 0), (0.5, 0)], _GAP, [(0.5, -0.7), (0.5, 0.7)], _GAP])
-_CUP = np.concatenate([[(0.35, -1), (0.65, -1), (0.65, 1), (0.35, 1)], _GAP, [(0.65, 0), (1, 0)]])
-_STRAIGHT = {"spring": _ZIGZAG, "damper": np.concatenate([_ROD, _CUP])}
-
-
-# -- In every row ----------------------------------------------------------------------------------
-
-
-def draw_moving(
-    ax, drawing: Drawing, k: int, colour: Colour = "black", small: bool = False
-) -> None:
-    """Draw rigid arms, bodies, masses and carried obstacles of row k."""
-    _draw_arms(ax, drawing, k, colour)
-    draw_lines(ax, drawing.circles(drawing.parts(k), k), color=colour, linewidth=1.2, zorder=2)
-    draw_bodies(ax, drawing, k, colour, small)
-    draw_outlines(ax, drawing.obstacles.carried(drawing.parts(k), k), colour if small else "0.35")
-    heavy = nodes_with_mass(drawing.parts(k))
-    if heavy:
-        look = {"color": colour if small else "#D55E00", "markersize": 5 if small else 9}
-        ax.plot(*drawing.positions(heavy, k).T, "o", **look, zorder=3)
-
-
-def draw_outlines(ax, outlines: Sequence[Outline], colour: Colour = "0.35") -> None:
-    """Draw obstacles as lines with strokes on one side."""
-    look: Look = {"color": colour, "zorder": 1}
-    draw_lines(ax, [outline.line for outline in outlines], linewidth=1.4, **look)
-    strokes = [pair for outline in outlines for pair in outline.strokes]
-    draw_lines(ax, strokes, linewidth=0.7, **look)
-
-
-def draw_surroundings(ax, drawing: Drawing, k: int) -> None:
-    """Draw fixed obstacles, and joints and supports of row k."""
-    draw_outlines(ax, drawing.obstacles.fixed(drawing.parts(k)))
-    draw_held(ax, drawing, drawing.parts(k), k)
-
-
-def draw_held(ax, drawing: Drawing, parts: Parts, k: int) -> None:
-    """Draw joints, forces between points and supports of a scene in row k."""
-    draw_joints(ax, drawing, parts, k)
-    Supports(drawing, parts).draw(ax, k)
-
-
-def draw_past(ax, drawing: Drawing) -> None:
-    """Draw what the scene has no more in the last row, where it was last."""
-    last = drawing.parts(drawing.rows[-1])
-    for parts, places in drawing.stretches[:-1]:
-        gone = parts.without(last)
-        draw_outlines(ax, drawing.obstacles.fixed(gone))
-        draw_held(ax, drawing, gone, drawing.rows[places[-1]])
-
-
-def nodes_with_mass(parts: Parts) -> list[int]:
-    """Numbers of the nodes with lumped masses."""
-    return sorted({node for node, mass, _ in parts.masses if mass})
-
-
-def draw_forces(ax, drawing: Drawing, k: int, colour: Colour = "black") -> None:
-    """Draw arrows of forces, with their heads at the nodes and lengths in proportion.
-
-    Forces below a fiftieth of the largest one are left out.
-    """
-    least = 0.02 * drawing.largest_force
-    nodes = [node for node, force in drawing.forces[k].items() if np.hypot(*force) > least]
-    if not nodes:
-        return
-    tails, tips = np.moveaxis(np.array([drawing.arrow(node, k) for node in nodes]), 1, 0)
-    look = _ARROW | {"width": 0.018, "headwidth": 6, "headlength": 8, "headaxislength": 8}
-    ax.quiver(*tails.T, *(tips - tails).T, color=colour, **look, zorder=4)
-
-
-def _draw_arms(ax, drawing: Drawing, k: int, colour) -> None:
-    """Rigid arms from nodes to joints with an offset."""
-    arms = []
-    centres = {body.centre for body in drawing.solution.bodies.values()}
-    for joint in drawing.parts(k).joints:
-        is_of_body = joint.is_rigid and joint.a in centres
-        if joint.offset.any() and not (is_of_body or is_grounded(joint)):
-            ends = drawing.positions(joint.a.number, k), _origin(drawing, joint, k)
-            arms.append(np.array(ends))
-    draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
-
-
-def draw_bodies(ax, drawing: Drawing, k: int, colour: Colour, small: bool) -> None:
-    """Draw bodies of row k: arms from centre to points, and the area between."""
-    arms, areas, centres = [], [], []
-    for body in drawing.solution.bodies.values():
-        corners = drawing.positions([node.number for node in body.nodes], k)
-        arms += [np.array([corners[0], point]) for point in corners[1:]]
-        if len(corners) > 2:
-            relative = corners - corners.mean(axis=0)
-            areas.append(corners[np.argsort(np.arctan2(relative[:, 1], relative[:, 0]))])
-        centres.append(corners[0])
-    draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
-    if areas:
-        look: Look = {"facecolor": colour, "alpha": 0.03 if small else 0.15, "linewidth": 0}
-        ax.add_collection(PolyCollection(areas, **look, zorder=1))
-    if centres:
-        ax.plot(*np.transpose(centres), "+", color=colour, markersize=6, zorder=4)
-
-
-# -- Joints and forces between points --------------------------------------------------------------
-
-
-def draw_joints(ax, drawing: Drawing, parts: Parts, k: int) -> None:
-    """Draw joints, gears, springs, dampers, stops, forces between points of row k."""
-    lines = defaultdict[str, list[np.ndarray]](list)
-    for joint in parts.joints:
-        position = drawing.positions(node_of(joint).number, k)
-        if joint.axis is not None and not is_grounded(joint):
-            lines["guide"].append(_guide(drawing, joint, position, k))
-        for name, coordinate in joint.coordinates.items():
-            for part in (part for part in _AROUND if getattr(coordinate, part) is not None):
-                if name == "slide":
-                    symbol = _along_slide(drawing, joint, part, position, k)
-                else:
-                    symbol = position + _SPRING_WIDTH * drawing.size * _AROUND[part]
-                lines[part].append(symbol)
-    for gear in parts.gears:
-        nodes = [node_of(term.joint).number for term in gear.terms]
-        lines["guide"].append(drawing.positions(nodes, k))
-    _draw_by_looks(ax, lines)
-    draw_between(ax, drawing, parts, k)
-    draw_hinges(ax, drawing, parts, k)
-
-
-def draw_between(ax, drawing: Drawing, parts: Parts, k: int) -> None:
-    """Draw forces between points of row k, with walls at points."""
-    lines = defaultdict[str, list[np.ndarray]](list)
-    size = drawing.size
-    for force in parts.forces_between:
-        if isinstance(force, GroundSpring):
-            _draw_to_ground(lines, drawing, force, k)
-            continue
-        points, coordinate = line_between(drawing, force, k), force.on
-        # One with a length only pulls.
-        is_rope = len(points) > 2 or any("of rope" in name for name in force.own)
-        for part in () if is_rope else ("spring", "damper", "friction"):
-            if getattr(coordinate, part) is not None:
-                lines[part].append(_straight(part, coordinate, points[-2], points[-1], size))
-        if is_rope or (coordinate.spring is None and coordinate.damper is None):
-            lines["pull"].append(points)
-        ends = (force.points[0], -force.apart[0]), (force.points[-1], force.apart[-1])
-        for point, way in ends:
-            if not isinstance(point, Node):
-                wall = wall_strokes(way / np.hypot(*way), _SHORT_WALL).at(point.position, size)
-                lines["wall"] += wall.thick + wall.thin
-    _draw_by_looks(ax, lines)
-
-
-def _draw_to_ground(lines: dict, drawing: Drawing, force: GroundSpring, k: int) -> None:
-    """Add what holds a node or a beam to the ground, with walls."""
-    size, parts = drawing.size, [part for part in _AROUND if getattr(force.on, part) is not None]
-    if force.direction is None:
-        centre = drawing.positions(force.nodes[0], k)
-        for part in parts:
-            symbol = centre + _SPRING_WIDTH * size * _AROUND[part]
-            lines[part].append(symbol)
-    for node, foot, way in feet(drawing, force):
-        for part in [part for part in parts if part != "stop"] or ["spring"]:
-            symbol = _straight(part, force.on, foot, drawing.positions(node, k), size)
-            lines[part].append(symbol)
-        wall = wall_strokes(-way, _SHORT_WALL).at(foot, size)
-        lines["wall"] += wall.thick + wall.thin
-
-
-def _draw_by_looks(ax, lines: dict[str, list[np.ndarray]]) -> None:
-    """Draw lines by their looks."""
-    for look, points in lines.items():
-        draw_lines(ax, points, **_LOOKS.get(look, _FINE))
-
-
-def draw_hinges(ax, drawing: Drawing, parts: Parts, k: int) -> None:
-    """Draw a ring at each hinge of row k, and a square at each slide."""
-    size = 0.8 * marker_size(ax, drawing)
-    look = {"color": "white", "markeredgecolor": "black", "markersize": size, "zorder": 5}
-    for marker, nodes in nodes_of_joints(parts).items():
-        ax.plot(*drawing.positions(nodes, k).T, marker, **look)
-
-
-def nodes_of_joints(parts: Parts) -> dict[str, list[int]]:
-    """Numbers of the nodes at hinges by the marker "o", and at slides by "s"."""
-    nodes: dict[str, list[int]] = {}
-    for joint in parts.joints:
-        # A hinge on the ground is drawn as a support; rigid joints are not marked.
-        if not (joint.is_rigid or (is_grounded(joint) and joint.slide is None)):
-            marker = "o" if joint.slide is None else "s"
-            nodes.setdefault(marker, []).append(node_of(joint).number)
-    return nodes
-
-
-def _along(points: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Points of a symbol, turned from the x-axis into a direction."""
-    return points[:, :1] * direction + points[:, 1:] * left_of(direction)
-
-
-def _guide(drawing: Drawing, joint: Joint, end: np.ndarray, k: int) -> np.ndarray:
-    """A guide on a node, from its position there to the sliding node, and a little beyond."""
-    start, direction = _origin(drawing, joint, k), slide_direction(drawing, joint, k)
-    slide, margin = (end - start) @ direction, _BEYOND * drawing.size
-    return start + np.outer((min(slide, 0.0) - margin, max(slide, 0.0) + margin), direction)
+    return unit(np.gradient(positions, axis=0)[nearest])
 
 
 def _origin(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
@@ -429,47 +288,311 @@ def _origin(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
     return drawing.positions(joint.a.number, k) + drawing.turned(joint.a, k, joint.offset)
 
 
-def _along_slide(drawing: Drawing, joint, part: str, end: np.ndarray, k: int) -> np.ndarray:
-    """A part of a slide: a zigzag, a dashpot, shoes of a brake beside it, or bars at its stops."""
-    direction, size = slide_direction(drawing, joint, k), drawing.size
-    short, slides_on_beam = _SPRING_END * size, joint.axis is None
-    start = end - short * direction if slides_on_beam else _origin(drawing, joint, k)
-    if part == "stop":
-        limits = () if slides_on_beam else (joint.slide.stop.lower, joint.slide.stop.upper)
-        bar = _SPRING_WIDTH * size * _along(_BAR, direction)
-        return apart(start + limit * direction + bar for limit in limits if limit is not None)
-    if part == "friction":
-        return end + _SPRING_WIDTH * size * _along(_SHOES, direction)
-    if is_grounded(joint) and not slides_on_beam:
-        start = start - short * joint.direction
-    return _straight(part, joint.slide, start, end, size)
+def _ranges(drawing: Drawing, parts: Parts) -> dict[int, tuple[float, float]]:
+    """Least and largest slide in all rows of the picture, by the numbers of joints."""
+    ranges = {}
+    for joint in parts.joints:
+        if joint.slide is not None and joint.axis is not None:
+            number = node_of(joint).number
+            slides = [
+                (drawing.positions(number, k) - _origin(drawing, joint, k))
+                @ slide_direction(drawing, joint, k)
+                for k in drawing.rows
+            ]
+            ranges[joint.number] = min(0.0, *slides), max(0.0, *slides)
+    return ranges
 
 
-def _straight(part: str, coordinate: Coordinate, a, b, size: float) -> np.ndarray:
-    """A zigzag, a dashpot, beside a spring if there is one, or shoes of a brake in the middle."""
-    direction = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
-    if part == "friction":
-        return (a + b) / 2 + _SPRING_WIDTH * size * _along(_SHOES, direction)
-    # Fractions of the way from a to b, and widths of a spring beside it.
-    points = _STRAIGHT[part].copy()
-    if part == "damper" and coordinate.spring is not None:
-        points[:, 1] += 3.0
-    return a + points[:, :1] * (b - a) + points[:, 1:] * _SPRING_WIDTH * size * left_of(direction)
+_JAW = np.array([(-12, 4), (12, 4), (12, 7.5), (-12, 7.5)])
+_CARRIAGE = np.array([(-10, 8), (10, 8), (10, 11), (-10, 11)])
+_BLOCK = np.array([(-15, -9), (15, -9), (15, 9), (-15, 9)])
+_MIRROR = np.array([1.0, -1.0])
 
 
-# -- Names -----------------------------------------------------------------------------------------
+def _draw_slide(
+    pen: Pen, drawing: Drawing, parts: Parts, joint: Any, place: np.ndarray, k: int
+) -> None:
+    """Draw a guide on the ground or on a node, a slot, a carriage or a sleeve on a beam."""
+    way, turns = slide_direction(drawing, joint, k), joint.rotation is not None
+    if joint.axis is None:
+        shape = _CARRIAGE if turns else _JAW
+        for side in (1, _MIRROR):
+            pen.area(pen.at(place, shape * side, way), width=1.1, z=5.1)
+            if turns:
+                wheels = pen.at(place, np.array([(-6, 5.6), (6, 5.6)]) * side, way)
+                pen.ring(wheels, 2.5, width=1.0, z=5.2)
+        if turns:
+            draw_pin(pen, place)
+        _draw_along(pen, drawing, joint, place, way, k)
+        return
+    origin, (low, high) = _origin(drawing, joint, k), drawing.once(_ranges, parts)[joint.number]
+    more = max(8.0 * pen.unit, (46.0 * pen.unit - (high - low)) / 2)
+    ends = origin + np.outer((low - more, high + more), way)
+    if turns:  # a slot
+        for radius, face, z in ((7.5, None, 4.4), (5.0, pen.theme.paper, 4.5)):
+            pen.area(rounded(ends, radius * pen.unit), face, width=1.1, z=z)
+        draw_pin(pen, place)
+    elif is_grounded(joint):
+        long = ends + np.outer((-15.0, 15.0), way) * pen.unit
+        for across in (left_of(way), -left_of(way)):
+            pen.ground(long + 10.0 * pen.unit * across, across, 5.0)
+        pen.area(pen.at(place, _BLOCK, way), width=1.2, z=2.6)
+    else:
+        pen.line(ends, pen.theme.soft, 1.0, 2.4)
+        for side in (1, _MIRROR):
+            pen.area(pen.at(place, _JAW * side, way), width=1.1, z=4.6)
+    _draw_along(pen, drawing, joint, place, way, k)
 
 
-def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node] | None) -> None:
-    """Write names beside nodes in row k."""
-    marks = {} if marks is None else marks
-    require(isinstance(marks, dict), "marks", marks, "a dict of nodes by the names to write")
-    for name, node in marks.items():
-        drawing.solution.position(node)  # raises an error if it is not a node of the solution
-        position = drawing.positions(node.number, k)
-        ax.plot(*position, ".", color="black", markersize=5, zorder=6)
-        # Towards the middle, where there is room for long names.
-        left = position[0] > np.mean(ax.get_xlim())
-        offset = {"xytext": (-5 if left else 5, 5), "ha": "right" if left else "left"}
-        look = {"textcoords": "offset points", "fontsize": "small", "zorder": 7}
-        ax.annotate(name, position, **offset, **look)
+def _draw_along(
+    pen: Pen, drawing: Drawing, joint: Any, place: np.ndarray, way: np.ndarray, k: int
+) -> None:
+    """Draw spring, damper, friction and stops of a slide."""
+    short = 40.0 * pen.unit * way
+    start = place - short if joint.axis is None else _origin(drawing, joint, k)
+    if is_grounded(joint) and joint.axis is not None:
+        start = start - short
+    draw_straight(pen, joint.slide, start, place)
+    limits = getattr(joint.slide.stop, "lower", None), getattr(joint.slide.stop, "upper", None)
+    for side, limit in zip((-1.0, 1.0), limits, strict=True):
+        if limit is not None and joint.axis is not None:
+            stop = _origin(drawing, joint, k) + limit * way
+            pen.wall(stop, side * way, 18.0, 4.0, z=4.7)
+
+
+# -- Laws ------------------------------------------------------------------------------------------
+
+_HELIX = np.linspace(0, 1, 141)
+
+
+def draw_straight(pen: Pen, laws: Coordinate, a: np.ndarray, b: np.ndarray) -> None:
+    """Draw a spring, a damper and friction between two points, beside each other."""
+    way, length = unit(b - a), np.hypot(*(b - a)) / pen.unit
+    has = [name for name in ("spring", "damper") if getattr(laws, name) is not None]
+    for name, aside in zip(has, (0.0,) if len(has) == 1 else (-5.5, 5.5), strict=False):
+        half = min(4.5, length / 4)
+        if name == "spring":
+            x = length * (0.15 + 0.7 * _HELIX) - 0.2 * half * (1 - np.cos(14 * np.pi * _HELIX))
+            coil = np.column_stack([x, half * np.sin(14 * np.pi * _HELIX) + aside])
+            symbol = np.concatenate([[(0, aside)], coil, [(length, aside)]])
+            pen.line(pen.at(a, symbol, way), pen.theme.paper, 3.0, 3.4)
+            pen.line(pen.at(a, symbol, way), width=1.4, z=3.5)
+        else:
+            _draw_damper(pen, a, way, length, half, aside)
+    if len(has) == 2:
+        for place in (a, b):
+            pen.line(pen.at(place, [(0, -5.5), (0, 5.5)], way), width=1.4, z=3.5)
+    if laws.friction is not None:
+        _draw_shoes(pen, (a + b) / 2, way)
+
+
+def _draw_damper(pen: Pen, a, way, length: float, half: float, aside: float) -> None:
+    first, last, middle = 0.31 * length, 0.69 * length, 0.5 * length
+    cup = np.array([(first, -half), (last, -half), (last, half), (first, half)]) + (0, aside)
+    pen.area(pen.at(a, cup, way), edge="none", width=0.0, z=3.4)
+    rods = [cup[[0, 1, 2, 3]], [(0, aside), (middle, aside)], [(last, aside), (length, aside)]]
+    for rod in rods:
+        pen.line(pen.at(a, rod, way), width=1.4, z=3.5)
+    piston = [(middle, aside + 1.4 - half), (middle, aside + half - 1.4)]
+    pen.line(pen.at(a, piston, way), width=2.2, z=3.5)
+
+
+def _draw_shoes(pen: Pen, place, way) -> None:
+    """Draw shoes of a brake on both sides of a slide."""
+    shoe = np.array([(-10, 8), (10, 8), (10, 12), (-10, 12)])
+    for side in (1, _MIRROR):
+        pen.area(pen.at(place, shoe * side, way), pen.theme.ink, "none", 0.0, 4.8)
+
+
+_SPIN = np.linspace(0, 5.2 * np.pi, 90)
+_SPIRAL = (4.0 + 10.0 * _SPIN / _SPIN[-1]) * np.array([np.cos(_SPIN), np.sin(_SPIN)])
+_BEND = np.linspace(0.3, 1.7, 16)
+_ROUND = np.column_stack([np.cos(_BEND), np.sin(_BEND)])
+_SHOE = np.linspace(-0.5, 0.5, 8)
+_BENT = np.column_stack([np.cos(_SHOE), np.sin(_SHOE)])
+_ENDS = np.array([19.0, 26.0])[:, None]
+
+
+def _draw_around(pen: Pen, place: np.ndarray, laws: Coordinate) -> None:
+    """Draw spring, damper, friction and stops of an angle around a hinge."""
+    if laws.spring is not None:
+        pen.line(pen.at(place, _SPIRAL.T), pen.theme.paper, 3.0, 4.9)
+        pen.line(pen.at(place, _SPIRAL.T), width=1.2, z=5)
+    if laws.damper is not None:
+        cup = np.concatenate([13.0 * _ROUND, 21.0 * _ROUND[::-1]])
+        pen.area(pen.at(place, cup), edge="none", width=0.0, z=4.8)
+        pen.line(pen.at(place, cup), width=1.4, z=4.9)
+        plate = np.outer((14.4, 19.6), _ROUND[8])
+        pen.line(pen.at(place, plate), width=2.2, z=4.9)
+    if laws.friction is not None:
+        for side in (1.0, -1.0):
+            shoe = np.concatenate([17.0 * _BENT, 21.0 * _BENT[::-1]])
+            pen.area(pen.at(place, side * shoe), pen.theme.ink, "none", 0.0, 4.8)
+    if laws.stop is not None:
+        for line in (_ENDS * _ROUND[0], 22.5 * _ROUND, _ENDS * _ROUND[-1]):
+            pen.line(pen.at(place, line), width=1.5, z=4.8)
+
+
+# -- Gears -----------------------------------------------------------------------------------------
+
+_TOOTH = np.array([(-0.27, -1.1), (-0.21, -0.2), (-0.11, 1), (0.11, 1), (0.21, -0.2), (0.27, -1.1)])
+_MODULE = 4.0  # [points]
+
+
+def _draw_gear(pen: Pen, drawing: Drawing, gear: Gear, number: int, k: int) -> None:
+    """Draw two wheels whose radii have the ratio of the gear, a belt, or a rack with its wheel."""
+    nodes = [node_of(joint).number for joint in (gear.joint_a, gear.joint_b)]
+    start = drawing.solution.X[nodes]
+    a, b = drawing.positions(nodes, k)
+    faces = [mixed(MEMBERS[(number + i) % 4], pen.theme.paper, 0.55) for i in (0, 3)]
+    if gear.driven == "slide":
+        _draw_rack(pen, drawing, gear, (a, b), faces, k)
+        return
+    distance, ratio = float(np.hypot(*(start[1] - start[0]))), abs(float(gear.ratio))
+    way = np.arctan2(*(b - a)[::-1])
+    angles = [drawing.angle(node, k) for node in nodes]
+    if distance <= 20.0 * pen.unit:  # on one axis
+        return
+    if gear.ratio > 0:  # a belt
+        radii = 0.4 * distance * np.array([min(1.0, ratio), min(1.0, 1 / ratio)])
+        lean = np.arcsin((radii[0] - radii[1]) / distance)
+        for side in (1.0, -1.0):
+            angle = way + side * (np.pi / 2 - lean)
+            arm = np.array([np.cos(angle), np.sin(angle)])
+            pen.line([a + radii[0] * arm, b + radii[1] * arm], ROPE, 2.0, 2.1)
+        for place, radius, angle, face in zip((a, b), radii, angles, faces, strict=True):
+            pen.area(circle(place, radius)[:-1], face, width=1.2, z=2.0)
+            pen.line([place, place + radius * np.array([-np.sin(angle), np.cos(angle)])], z=2.2)
+        return
+    radii = distance * np.array([ratio, 1.0]) / (1 + ratio)
+    for i, (place, radius) in enumerate(zip((a, b), radii, strict=True)):
+        teeth = max(8, round(2 * radius / (_MODULE * pen.unit)))
+        phase = way + angles[0] if i == 0 else way + np.pi * (1 + 1 / teeth) + angles[1]
+        _draw_wheel(pen, place, radius, teeth, phase, faces[i])
+
+
+def _draw_wheel(pen: Pen, centre, radius: float, teeth: int, phase: float, face) -> None:
+    """Draw a toothed wheel with a pitch radius [m]."""
+    depth = min(1.1 * radius / teeth, 0.2 * radius)
+    angles = phase + 2 * np.pi * (np.arange(teeth)[:, None] + _TOOTH[:, 0]) / teeth
+    arms = (radius + depth * _TOOTH[:, 1])[None, :, None]
+    rim = arms * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    pen.area(centre + rim.reshape(-1, 2), face, width=1.0, z=2.0)
+    for angle in phase + 2 * np.pi * np.arange(5) / 5:
+        hole = centre + 0.58 * radius * np.array([np.cos(angle), np.sin(angle)])
+        pen.area(circle(hole, 0.16 * radius, 24)[:-1], pen.theme.paper, width=0.8, z=2.1)
+
+
+def _draw_rack(pen: Pen, drawing: Drawing, gear: Gear, places, faces, k: int) -> None:
+    wheel, block = places
+    radius, way = abs(float(gear.ratio)), slide_direction(drawing, gear.joint_b, k)
+    angle = drawing.angle(node_of(gear.joint_a).number, k)
+    teeth = max(8, round(2 * radius / (_MODULE * pen.unit)))
+    side = left_of(way) * (1.0 if (block - wheel) @ left_of(way) > 0 else -1.0)
+    _draw_wheel(pen, wheel, radius, teeth, np.arctan2(*side[::-1]) + angle, faces[0])
+    pitch = 2 * np.pi * radius / teeth
+    depth, slide = min(1.1 * radius / teeth, 0.2 * radius), (block - wheel) @ way
+    foot = wheel + radius * side + slide % pitch * way
+    x = pitch * (np.arange(-teeth // 3, teeth // 3 + 1)[:, None] + 0.5 + _TOOTH[:, 0]).ravel()
+    y = -depth * np.tile(_TOOTH[:, 1], len(x) // len(_TOOTH))
+    back = np.array([(x[-1], 4 * depth), (x[0], 4 * depth)])
+    strip = np.concatenate([np.column_stack([x, y]), back])
+    pen.area(foot + strip[:, :1] * way + strip[:, 1:] * side, faces[1], width=1.0, z=1.9)
+
+
+# -- Forces between points -------------------------------------------------------------------------
+
+
+def draw_between(pen: Pen, drawing: Drawing, parts: Parts, k: int) -> None:
+    """Draw springs, dampers, ropes and other forces between points, and springs to the ground."""
+    supports = drawing.positions([*drawing.once(supports_of, parts)], k)
+    for force in parts.forces_between:
+        if isinstance(force, GroundSpring):
+            _draw_to_ground(pen, drawing, force, k)
+            continue
+        points, laws = line_between(drawing, force, k), force.on
+        is_rope = is_a_rope(force)
+        if is_rope:
+            _draw_rope(pen, drawing, force, points, k)
+        elif laws.spring is None and laws.damper is None:
+            pen.line(points, ACTS, 1.2, 3.5, (6, 3))
+        if not is_rope:
+            draw_straight(pen, laws, points[0], points[-1])
+        ends = (
+            (force.points[0], -force.apart[0], points[0]),
+            (
+                force.points[-1],
+                force.apart[-1],
+                points[-1],
+            ),
+        )
+        for point, way, place in ends:
+            if isinstance(point, Node):
+                pen.ring(place, 2.0, pen.theme.ink, width=0.0, z=5.6)
+            elif not (np.hypot(*(supports - place).T) < 8.0 * pen.unit).any():
+                pen.wall(place, unit(way), 20.0)
+
+
+def is_a_rope(force) -> bool:
+    """Whether a force between points only pulls, from a length on."""
+    return len(force.points) > 2 or any("of rope" in name for name in force.own)
+
+
+def pull_of(drawing: Drawing, force, k: int) -> float | None:
+    """Force of a line in row k [N]; None where it is not known, as in a scene."""
+    forces = getattr(drawing.solution, "line_forces", np.empty((0, 0)))
+    is_known = k < len(forces) and force.number < forces.shape[1]
+    return float(forces[k, force.number]) if is_known else None
+
+
+def _draw_rope(pen: Pen, drawing: Drawing, force, points: np.ndarray, k: int) -> None:
+    if pull_of(drawing, force, k) == 0 and k > 0:
+        pen.line(points, pen.theme.soft, 1.0, 3.5, (4, 3))
+    else:
+        pen.line(points, pen.theme.paper, 3.6, 3.5)
+        pen.line(points, mixed(ROPE, pen.theme.ink, 0.25), 2.0, 3.6)
+    for i, radius in enumerate(np.abs(getattr(force, "radii", ()))):
+        if radius > 0:
+            _draw_pulley(pen, drawing, force, i, radius, k)
+
+
+def _draw_pulley(pen: Pen, drawing: Drawing, force, i: int, radius: float, k: int) -> None:
+    """Draw a wheel with three spokes, which turn as the rope runs or with the node of a drum."""
+    at, before = (drawing.place(force.points[j], k) for j in (i, max(i - 1, 0)))
+    start, first = (drawing.place_at_start(force.points[j]) for j in (i, max(i - 1, 0)))
+    run = np.hypot(*(at - before)) - np.hypot(*(start - first))
+    angle = np.sign(force.radii[i]) * run / radius
+    if force.kinds[i] == "D":
+        angle = drawing.angle(force.points[i].number, k)
+    pen.area(circle(at, radius)[:-1], width=1.1, z=3.2)
+    inner = max(0.72 * radius, radius - 5 * pen.unit)
+    pen.area(
+        circle(at, inner)[:-1], mixed(pen.theme.ground, pen.theme.paper, 0.6), width=0.8, z=3.3
+    )
+    for spoke in angle + np.pi / 2 + 2 * np.pi * np.arange(3) / 3:
+        tip = at + inner * np.array([np.cos(spoke), np.sin(spoke)])
+        pen.line([at, tip], pen.theme.soft, 0.8, 3.35)
+    draw_pin(pen, at)
+
+
+def _draw_to_ground(pen: Pen, drawing: Drawing, force: GroundSpring, k: int) -> None:
+    """Draw what holds a node or a beam to the ground, with walls."""
+    if force.direction is None:
+        _draw_around(pen, drawing.positions(force.nodes[0], k), force.on)
+    for node, foot, way in feet(drawing, force):
+        place = drawing.positions(node, k)
+        draw_straight(pen, force.on, foot, place)
+        if force.on.spring is None and force.on.damper is None:
+            pen.line([foot, place], width=1.2, z=3.5)
+        pen.wall(foot, -way, 18.0, 5.0)
+
+
+def marks_of(parts: Parts) -> dict[str, list[int]]:
+    """Numbers of nodes at hinges, at slides and with lumped masses, for pages."""
+    nodes: dict[str, list[int]] = {"mass": [m.node for m in parts.masses if m.mass > 0]}
+    for joint in parts.joints:
+        # A hinge on the ground is drawn as a support; rigid joints are not marked.
+        if not (joint.is_rigid or (is_grounded(joint) and joint.slide is None)):
+            kind = "hinge" if joint.slide is None else "slide"
+            nodes.setdefault(kind, []).append(node_of(joint).number)
+    return nodes

@@ -183,12 +183,13 @@ def test_a_ball_has_its_radius_and_a_spoke_that_turns_with_it(kind):
 
 
 def wheel_in(ax):
-    """Points of the only closed line with a spoke: from the centre to the rim, and round."""
-    lines = [line.get_xydata() for line in ax.lines]
-    parts = [p for line in lines for p in np.split(line, np.flatnonzero(np.isnan(line[:, 0])))]
-    clean = [part[~np.isnan(part[:, 0])] for part in parts]
-    (wheel,) = (p for p in clean if len(p) > 50 and p[1] == approx(p[-1]) and p[0] != approx(p[1]))
-    return wheel
+    """Points of the largest disc: from the centre to the end of its spoke, and round the rim."""
+    areas = [path.vertices for item in ax.collections for path in item.get_paths()]
+    rim = max(areas, key=len)
+    centre = (rim.min(axis=0) + rim.max(axis=0)) / 2
+    spokes = [line.get_xydata() for line in ax.lines if line.get_zorder() == 2.3]
+    assert any(spoke[:2] == approx(np.array([centre, rim[0]])) for spoke in spokes)
+    return [centre, *rim]
 
 
 def test_balls_of_members_and_at_ends_of_beams_have_their_radius_in_the_window():

@@ -121,7 +121,7 @@ def test_symbols_move_with_their_nodes_and_points():
     (mass,) = (one for one in here["markers"] if one["count"])
     start, end = solution.position(bar.start), solution.position(bar.end)
     assert places(support, 1)[:, 0] == pytest.approx(start, **near)
-    assert start[-1][0] == pytest.approx(-1) and support["marker"] == "o" and support["thick"]
+    assert start[-1][0] == pytest.approx(-1) and support["kind"] == "roller"
     assert mass["marker"] == "mass" and places(mass, 1)[:, 0] == pytest.approx(end, **near)
     assert spring["spring"] and places(spring, 2)[:, 0] == pytest.approx(end, **near)
     assert abs(places(spring, 2)[:, 1] - (2.0, 1.0)).max() < 1e-4
