@@ -68,6 +68,8 @@ class Film(bytes):
     def __repr__(self):
         return f"<Film: {len(self) / 1e6:.1f} MB>"
 
+    __str__ = __repr__
+
     def _repr_html_(self):
         return f'<img src="data:image/gif;base64,{base64.b64encode(self).decode()}">'
 

@@ -179,7 +179,7 @@ def _stretch(drawing: Drawing, parts: Parts, places: list[int]) -> dict[str, obj
         ],
         "markers": [
             {"marker": marker, "count": len(nodes), "points": points_of(nodes)}
-            for marker, nodes in marks_of(parts).items()
+            for marker, nodes in marks_of(drawing, parts).items()
         ],
         "between": [
             {

@@ -289,7 +289,7 @@ class _Panel:
             top.line(curve.points, theme.ink, 2.2 * self._thin, 3)
         draw_moving(pale, drawing, row)
         draw_between(top if name == "N" else pale, drawing, parts, row)
-        marks = marks_of(parts)
+        marks = marks_of(drawing, parts)
         for kind in ("hinge", "slide"):
             if kind in marks:
                 draw_pin(top, drawing.positions(marks[kind], row))
@@ -338,18 +338,19 @@ class _Panel:
         if len(curves) > _NAMED and picks:
             value_of = lambda pick: curves[pick[0]].values[pick[1]]  # noqa: E731
             picks = list(dict.fromkeys([max(picks, key=value_of), min(picks, key=value_of)]))
-        written_at: list[tuple[float, np.ndarray]] = []
+        known: list[tuple[str, float, np.ndarray]] = []
         for name, i in picks:
             curve = curves[name]
             value, foot = float(curve.values[i]), curve.points[i]
-            # Members at a rigid corner have the same moment.
+            # Members at a rigid corner have the same moment, and both sides of a support.
             if any(
-                abs(abs(other) - abs(value)) < _SAME * largest
+                abs(abs(value) - abs(other)) < _SAME * largest
+                and (member != name or value * other > 0)
                 and np.hypot(*(place - foot)) < _CORNER * pen.point
-                for other, place in written_at
+                for member, other, place in known
             ):
                 continue
-            written_at.append((value, foot))
+            known.append((name, value, foot))
             outwards = np.sign(value) * curve.sides[i]
             tip = foot + scale * abs(value) * outwards
             pen.ring(tip, 1.8 * self._thin, self._theme.ink, width=0.0, z=4)

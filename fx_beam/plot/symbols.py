@@ -587,9 +587,10 @@ def _draw_to_ground(pen: Pen, drawing: Drawing, force: GroundSpring, k: int) -> 
         pen.wall(foot, -way, 18.0, 5.0)
 
 
-def marks_of(parts: Parts) -> dict[str, list[int]]:
-    """Numbers of nodes at hinges, at slides and with lumped masses, for pages."""
-    nodes: dict[str, list[int]] = {"mass": [m.node for m in parts.masses if m.mass > 0]}
+def marks_of(drawing: Drawing, parts: Parts) -> dict[str, list[int]]:
+    """Numbers of nodes at hinges, at slides and with lumped masses."""
+    lumped = lumped_masses(drawing, parts)
+    nodes: dict[str, list[int]] = {"mass": [mass.node for mass in lumped if mass.mass > 0]}
     for joint in parts.joints:
         # A hinge on the ground is drawn as a support; rigid joints are not marked.
         if not (joint.is_rigid or (is_grounded(joint) and joint.slide is None)):
