@@ -196,10 +196,7 @@ def draw(results, numbers):
     crossing = bodies[3]["D"]
     plot.animate(solution, results / "motion.gif", rows=range(0, 3001, 30), trace=crossing)
 
-    points = {i: list(body.points.values()) for i, body in bodies.items()}
-    lines = [[*points[i], *points[i][:1]] if len(points[i]) > 2 else points[i] for i in bodies]
-    rows = range(1000, 1801, 20)
-    thumbnail.animate(solution, rows, results / "thumbnail.gif", bodies=lines)
+    thumbnail.card(solution, range(1000, 1801, 20), results / "thumbnail.png")
 
     computed = angles(solution, bodies)
     figure, axes = plot.figure(2, 1)

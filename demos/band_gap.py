@@ -157,7 +157,6 @@ def report(numbers):
 
 def draw(results, frequencies, curves, before, after, best):
     # Imported here: the numbers need neither matplotlib nor pyvista.
-    from matplotlib.patches import Circle
 
     from fx_beam import plot
     from shared import thumbnail
@@ -176,15 +175,8 @@ def draw(results, frequencies, curves, before, after, best):
     scene.add_force(first, lambda t: (150.0 * np.sin(w * t), 0.0))
     period = 2 * np.pi / w
     motion = fb.simulate(scene, dt=period / 40, t_end=30 * period)
-    lumps, magnify, tall = [beam.end for beam in scene.beams[1::2]], 30.0, 8.0
-
-    def drawn(k):
-        lump_places = (motion.position(lump) for lump in lumps)
-        places = ((path[0] + magnify * (path[k] - path[0])) * (1.0, tall) for path in lump_places)
-        return [Circle(place, 0.012, color="#D55E00", zorder=4) for place in places]
-
-    last, look = range(29 * 40, 30 * 40), {"magnify": magnify, "tall": tall, "width": 2.0}
-    thumbnail.animate(motion, last, results / "thumbnail.gif", drawn, **look)
+    last, look = range(29 * 40, 30 * 40), {"magnify": 30.0, "tall": 8.0}
+    thumbnail.card(motion, last, results / "thumbnail.png", **look)
 
 
 if __name__ == "__main__":

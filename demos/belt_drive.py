@@ -199,7 +199,7 @@ def draw(results, solution, scene, belt, pulleys, contacts, ratios):
     plot.scene(scene, results / "scene.png")
     first, last = (round(t / DT / EVERY) for t in (0.9, 1.6))
     plot.animate(solution, results / "motion.gif", rows=range(first, last), colour="N")
-    thumbnail.animate(solution, range(first, last), results / "thumbnail.gif")
+    thumbnail.card(solution, range(first, last), results / "thumbnail.png")
 
     figure, ((speed, pull), (angle, drum)) = plot.figure(2, 2)
     pulley_rates = rates(solution, pulleys)

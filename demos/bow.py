@@ -232,7 +232,7 @@ def draw(results, shown, travel, force, curve):
     plot.shapes(
         pulled, results / "shapes.png", rows=[0, 3, 6, len(pulled.t) - 1], marks={"nock": nock}
     )
-    thumbnail.animate(motion, range(len(motion.t)), results / "thumbnail.gif")
+    thumbnail.card(motion, range(len(motion.t)), results / "thumbnail.png")
     figure, axes = plot.figure(1, 2, height=3.0)
     pull, energy = axes.flat
     pull.plot(*curve, color="#0072B2", linewidth=2.8, alpha=0.35, label="elastica")

@@ -155,12 +155,7 @@ def draw(results, runs):
 
     plot.scene(scene()[0], results / "scene.png")
     pulled = runs[SHOWN][0]
-
-    def drum(ax):
-        ax.add_patch(thumbnail.disc((0, 0), RADIUS))
-        ax.set(xlim=(-1.2 * RADIUS, 1.2 * RADIUS), ylim=(-1.2 * RADIUS, 1.2 * RADIUS))
-
-    thumbnail.animate(pulled, range(len(pulled.t)), results / "thumbnail.gif", fixed=drum)
+    thumbnail.card(pulled, range(len(pulled.t)), results / "thumbnail.png")
     figure, axes = plot.figure(1, 2, height=3.4)
     force, tension_axes = axes.flat
     for n, ((mu, phi), (motion, _, ratio)) in enumerate(runs.items()):

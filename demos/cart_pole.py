@@ -190,11 +190,7 @@ def draw(results, runs):
     solution = motion.solution()
     frames = range(0, len(solution.t), 3)
     plot.animate(solution, results / "motion.gif", rows=frames, trace=solution.beams["pole"].end)
-    feet = solution.position(solution.beams["pole"].start)
-    thumbnail.animate(
-        *(solution, range(0, len(solution.t), 6), results / "thumbnail.gif"),
-        moving=lambda k: [thumbnail.disc(feet[k], 0.06)],
-    )
+    thumbnail.card(solution, range(0, len(solution.t), 6), results / "thumbnail.png")
     t, push, cart, tip, angle, bent = rows.T
     figure, axes = plot.figure(4, 1)
     place, lean, bow, force = axes.flat

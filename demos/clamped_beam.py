@@ -229,8 +229,8 @@ def draw(results, beam, linear, first, tongue, third):
 
     plot.scene(scene()[0], results / "scene.png", scene_unit="l")
     largest = first[-1].solution
-    rows, path = range(len(largest.t)), results / "thumbnail.gif"
-    thumbnail.animate(largest, rows, path, tall=8.0)
+    rows, path = range(len(largest.t)), results / "thumbnail.png"
+    thumbnail.card(largest, rows, path, tall=8.0)
     figure, ((curve, zoom), (shapes, changes)) = plot.figure(2, 2, height=2.9)
     for axes in (curve, zoom):
         amplitudes = np.linspace(0, 1.05 * LARGEST, 200)

@@ -163,13 +163,8 @@ def draw(results, paths):
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
     path = paths[0]
 
-    def walls(ax):
-        for side in (-0.4, 0.4):
-            ax.axhline(side, color="0.3", lw=3)
-
-    thumbnail.animate(
-        *(path.solution, range(len(path.load)), results / "thumbnail.gif"),
-        **{"fixed": walls, "tall": 0.4 / path.gap},
+    thumbnail.card(
+        path.solution, range(len(path.load)), results / "thumbnail.png", tall=0.4 / path.gap
     )
     figure, axes = plot.figure(1, 3, height=3.2)
     shapes, force, flat = axes.flat

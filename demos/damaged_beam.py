@@ -193,7 +193,7 @@ def draw(results, angles, moments, pulled):
     plot.save(figure, results / "damage.png")
     scene, _ = strip(MESHES[1], turned=True)
     shown = fb.static(scene, load_steps=40)
-    thumbnail.animate(shown, range(len(shown.t)), results / "thumbnail.gif")
+    thumbnail.card(shown, range(len(shown.t)), results / "thumbnail.png")
 
 
 if __name__ == "__main__":

@@ -132,7 +132,7 @@ def draw(results, numbers):
         )
     except fb.StepError as error:
         motion = error.solution
-    thumbnail.animate(motion, range(len(motion.t)), results / "thumbnail.gif")
+    thumbnail.card(motion, range(len(motion.t)), results / "thumbnail.png")
 
     kinds = {
         "energy within 0.1 %": "#CFE6F4",

@@ -157,7 +157,7 @@ def draw(results, motions):
     rows = [int(row) for row in np.linspace(0, latest, 8)]
     plot.shapes(whole, results / "shapes.png", rows=rows)
     plot.animate(whole, results / "motion.gif", rows=range(0, len(whole.t), 15))
-    thumbnail.animate(whole, range(0, latest, 20), results / "thumbnail.gif")
+    thumbnail.card(whole, range(0, latest, 20), results / "thumbnail.png")
 
     figure, axes = plot.figure(1, 2, height=3.0)
     angles, energies = axes.flat

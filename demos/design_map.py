@@ -96,7 +96,7 @@ def draw(results, heights, speeds, deflection):
     from fx_beam import plot
 
     thin = NOMINAL | {"h": HEIGHTS[0], "T": 1 / 14}
-    monte_carlo.film(thin, results / "thumbnail.gif")
+    monte_carlo.film(thin, results / "thumbnail.png")
     figure, axes = plot.figure(1, 1, height=4.5)
     (ax,) = axes.flat
     ax.grid(False)

@@ -155,7 +155,7 @@ def draw(results, runs):
     plot.shapes(solution, results / "shapes.png", rows=rows)
     film = range(0, round(2.4 / DT), round(0.04 / DT))
     plot.animate(solution, results / "motion.gif", rows=film)
-    thumbnail.animate(solution, film, results / "thumbnail.gif")
+    thumbnail.card(solution, film, results / "thumbnail.png")
 
     figure, axes = plot.figure(2, 2)
     (heights, force), (parts, drift) = axes

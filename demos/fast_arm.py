@@ -232,11 +232,7 @@ def draw(results, turns):
     rows = range(0, INTERVALS * STEPS + 1, 4 * STEPS)
     fastest = turn.solution(c)
     plot.shapes(fastest, results / "shapes.png", rows=rows)
-    tip = fastest.position(fastest.beams["arm"].end)
-    thumbnail.animate(
-        *(fastest, range(0, len(fastest.t), 4), results / "thumbnail.gif"),
-        moving=lambda k: [thumbnail.disc(tip[k], 0.04 * LENGTH)],
-    )
+    thumbnail.card(fastest, range(0, len(fastest.t), 4), results / "thumbnail.png")
 
 
 if __name__ == "__main__":

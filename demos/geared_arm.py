@@ -138,27 +138,14 @@ def report(numbers):
 
 def draw(results, motion, rigid, carrier, its_carrier, sun, planet, arm, teeth):
     # Imported here: the numbers need neither matplotlib nor pyvista.
-    from matplotlib.patches import Circle
 
     from fx_beam import plot
     from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png")
 
-    def wheels(k):
-        for node, radius in ((sun, R_SUN), (planet, R_PLANET)):
-            x, y = motion.position(node)[k]
-            yield Circle((x, y), radius, fill=False, edgecolor="#0072B2", linewidth=1.2)
-            psi = motion.rotation(node)[k]
-            mark = 0.75 * radius * np.array([np.cos(psi), np.sin(psi)])
-            yield Circle((x + mark[0], y + mark[1]), radius / 6, color="#0072B2")
-
-    def ring(ax):
-        ax.add_patch(Circle((0, 0), R_RING, fill=False, edgecolor="#666666", linewidth=1.2))
-
     rows = range(0, len(motion.t), 8)
-    spoke = {"bodies": [(carrier, planet)], "fixed": ring}
-    thumbnail.animate(motion, rows, results / "thumbnail.gif", moving=wheels, **spoke)
+    thumbnail.card(motion, rows, results / "thumbnail.png")
     figure, ((turn, tip, tooth),) = plot.figure(1, 3)
     exact = np.where(
         motion.t < TIME / 2,

@@ -167,11 +167,7 @@ def draw(results, motion, disc, grips, left_behind):
     rows = [int(t / DT) for t in (0.0, LIFT[0], T_END)]
     plot.shapes(motion, results / "shapes.png", rows=rows)
     plot.animate(motion, results / "motion.gif", rows=range(0, len(motion.t), 15))
-    places = motion.position(disc)
-    thumbnail.animate(
-        *(motion, range(0, len(motion.t), 30), results / "thumbnail.gif"),
-        moving=lambda k: [thumbnail.disc(places[k], RADIUS)],
-    )
+    thumbnail.card(motion, range(0, len(motion.t), 30), results / "thumbnail.png")
     figure, axes = plot.figure(1, 2, height=3.0)
     heights, ratio = axes.flat
     shown = ((motion, f"$\\mu = {FRICTION:g}$"), (left_behind, "friction too low"))

@@ -186,7 +186,7 @@ def draw(results, solution, temperatures, problem, heat):
     from fx_beam import plot
     from shared import thumbnail
 
-    thumbnail.animate(solution, range(len(solution.t) // 2), results / "thumbnail.gif", tall=20)
+    thumbnail.card(solution, range(len(solution.t) // 2), results / "thumbnail.png", tall=20)
     figure, axes = plot.figure(3, 1, height=2.0)
     field, middle, shapes = axes.flat
     s = np.linspace(0, 1e3 * SPAN, temperatures.shape[1])

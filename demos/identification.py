@@ -159,13 +159,9 @@ def draw(results, t, measured, guessed, fitted, x, half_width):
     from fx_beam import plot
     from shared import thumbnail
 
-    swinging, outputs = build(x)
+    swinging, _ = build(x)
     swing = fb.simulate(swinging, dt=DT, t_end=STAGES[-1])
-    tip = swing.position(outputs["tip"].of)
-    thumbnail.animate(
-        *(swing, range(0, len(swing.t), 8), results / "thumbnail.gif"),
-        moving=lambda k: [thumbnail.disc(tip[k], 0.03)],
-    )
+    thumbnail.card(swing, range(0, len(swing.t), 8), results / "thumbnail.png")
     figure, axes = plot.figure(1, 2, height=3.2)
     errors, bars = axes.flat
     for path, colour, label in ((guessed, "#D55E00", "guess"), (fitted, "#0072B2", "identified")):

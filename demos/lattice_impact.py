@@ -143,11 +143,10 @@ def draw(results, solution, x, row):
     from shared import thumbnail
 
     stored = [energies(solution, k).sum(axis=0) for k in range(len(solution.t))]
-    thumbnail.animate(
-        *(solution, range(0, len(solution.t), len(solution.t) // 40), results / "thumbnail.gif"),
+    thumbnail.card(
+        *(solution, range(0, len(solution.t), len(solution.t) // 40), results / "thumbnail.png"),
         shade=lambda k: np.sqrt(stored[k] / max(stored[k].max(), 1e-6 * stored[-1].max())),
         magnify=MAGNIFY,
-        width=1.0,
     )
     figure, (panels,) = plot.figure(1, 3, height=2.6)
     ends = [(beam.start.number, beam.end.number) for beam in solution.beams.values()]

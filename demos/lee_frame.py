@@ -213,7 +213,7 @@ def draw(results, path, loaded, hinge, rows):
     plot.animate(
         path, results / "motion.gif", rows=range(len(load)), fps=8, trace=loaded, scene_unit="-"
     )
-    thumbnail.animate(path, range(len(load)), results / "thumbnail.gif")
+    thumbnail.card(path, range(len(load)), results / "thumbnail.png")
 
 
 if __name__ == "__main__":

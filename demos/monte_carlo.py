@@ -133,9 +133,7 @@ def film(case, path):
     mechanism, _ = scene(case)
     motion = fb.simulate(mechanism, dt=case["T"] / STEPS, t_end=(RAMP + TURNS) * case["T"])
     rows = range(len(motion.t) - STEPS, len(motion.t), 2)
-    slider = motion.position(mechanism.beams["rod"].end)
-    disc = thumbnail.disc
-    thumbnail.animate(motion, rows, path, moving=lambda k: [disc(slider[k], 0.1 * RADIUS)])
+    thumbnail.card(motion, rows, path)
 
 
 def report(numbers):
@@ -156,7 +154,7 @@ def draw(results, moments, numbers):
     # Imported here: the numbers need no matplotlib.
     from fx_beam import plot
 
-    film(NOMINAL, results / "thumbnail.gif")
+    film(NOMINAL, results / "thumbnail.png")
     figure, axes = plot.figure(1, 1)
     (ax,) = axes.flat
     ax.hist(moments, bins=max(round(np.sqrt(len(moments))), 5), color="#0072B2", density=True)

@@ -206,7 +206,7 @@ def draw(results, runs):
     t_end = duration(SPEEDS["a = 0.5"]) * 200**0.5
     solution = fb.simulate(bridge, dt=t_end / STEPS, t_end=0.9 * t_end)
     plot.animate(solution, results / "motion.gif", rows=range(0, len(solution.t), 6), trace=joint.b)
-    thumbnail.animate(solution, range(0, len(solution.t), 6), results / "thumbnail.gif")
+    thumbnail.card(solution, range(0, len(solution.t), 6), results / "thumbnail.png")
 
 
 if __name__ == "__main__":

@@ -272,7 +272,7 @@ def draw(results, runs):
     plot.shapes(solution, results / "shapes.png", rows=rows, marks=marks)
     frames, path = range(0, round(SHOWN / DT) + 1, 2), results / "motion.gif"
     plot.animate(solution, path, rows=frames, fps=25, trace=marks["B"], marks=marks)
-    thumbnail.animate(solution, frames, results / "thumbnail.gif")
+    thumbnail.card(solution, frames, results / "thumbnail.png")
 
     figure, axes = plot.figure(3, 1)
     for ax in axes.flat:

@@ -173,7 +173,7 @@ def draw(results, free, forced, damped):
     from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
-    thumbnail.animate(forced, range(len(forced.t)), results / "thumbnail.gif")
+    thumbnail.card(forced, range(len(forced.t)), results / "thumbnail.png")
     figure, axes = plot.figure(2, 1, height=2.8)
     energy, force = axes.flat
     energy.plot(free.t, free.energy.total, "C0", label="own material")

@@ -159,7 +159,7 @@ def draw(results):
             plot.animate(
                 solution, results / "motion.gif", rows=range(0, len(solution.t), 6), trace=joint
             )
-            thumbnail.animate(solution, range(0, len(solution.t), 6), results / "thumbnail.gif")
+            thumbnail.card(solution, range(0, len(solution.t), 6), results / "thumbnail.png")
     theta, _ = rigid(*SHOWN)(solution.t)
     path.plot(solution.t, CRANK * np.cos(theta), "k:", linewidth=1.0, label="rigid")
     path.set(ylabel="joint $x$ [m]")

@@ -205,7 +205,7 @@ def draw(results, rows, fine, mathieu, boundaries, grown):
     pushed, _ = scene(pulsating(0.4, 2.0 * own_numbers()[1] / (2 * np.pi)), push=lambda t: PUSH)
     shaken = fb.simulate(pushed, SCHEME, dt=5e-4, t_end=0.2, progress=False)
     size = 0.2 * LENGTH / abs(shaken.displacement(pushed.beams[0].node(0.5))[:, 1]).max()
-    thumbnail.animate(shaken, range(len(shaken.t)), results / "thumbnail.gif", tall=size)
+    thumbnail.card(shaken, range(len(shaken.t)), results / "thumbnail.png", tall=size)
     figure, ((chart,),) = plot.figure(1, 1, height=3.6)
     for pulse, (ratios, kinds) in rows.items():
         for kind, color in colors.items():

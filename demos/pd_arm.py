@@ -166,7 +166,7 @@ def draw(results, solution, prescribed, rows):
     plot.scene(scene()[0], results / "scene.png")
     tip = solution.beams["arm"].end
     plot.animate(solution, results / "motion.gif", rows=range(0, 3000, 30), trace=tip)
-    thumbnail.animate(solution, range(0, 3000, 30), results / "thumbnail.gif")
+    thumbnail.card(solution, range(0, 3000, 30), results / "thumbnail.png")
     figure, axes = plot.figure(3, 1)
     angle, distance, torque = axes.flat
     blue, orange = {"color": "#0072B2"}, {"color": "#D55E00", "linewidth": 1}

@@ -272,7 +272,7 @@ def draw(results, runs, numbers):
     tip = solution.beams["rod"].end
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
     plot.animate(solution, results / "motion.gif", rows=first, fps=25, trace=tip)
-    thumbnail.animate(solution, first, results / "thumbnail.gif")
+    thumbnail.card(solution, first, results / "thumbnail.png")
 
     figure, axes = plot.figure(2, 1)
     for i, ax in enumerate(axes.flat):

@@ -221,7 +221,7 @@ def draw(results, solutions, fine):
     plot.shapes(solution, results / "shapes.png", rows=first[::3], scene_unit="in")
     node = solution.beams["beam"].end
     plot.animate(solution, results / "motion.gif", rows=first, trace=node, scene_unit="in")
-    thumbnail.animate(solution, first, results / "thumbnail.gif")
+    thumbnail.card(solution, first, results / "thumbnail.png")
 
     # Left: the first 1.4 s, where diverging curves can be distinguished. Right: the whole run.
     figure, axes = plot.figure(2, 2)

@@ -362,7 +362,7 @@ def draw(results, loops, frames, hinged, ring):
     axes[1].set(xlabel="sway of the corner [mm]", ylabel="force $F$ [kN]")
     plot.save(figure, results / "loops.png")
 
-    thumbnail.animate(ring, range(0, len(ring.t), 25), results / "thumbnail.gif")
+    thumbnail.card(ring, range(0, len(ring.t), 25), results / "thumbnail.png")
     plot.shapes(ring, results / "ring.png", rows=SHOWN, colour="plastic curvature")
     plot.animate(
         ring, results / "motion.gif", rows=range(0, len(ring.t), 30), colour="plastic curvature"

@@ -167,7 +167,7 @@ def draw(results, rest, motions):
     plot.scene(free(1.0)[0], results / "scene.png")
     snapping = motions[SHOWN[1]][0]
     plot.animate(snapping, results / "motion.gif", rows=range(0, 1500, 10), fps=20, thickness=2.0)
-    thumbnail.animate(snapping, range(0, 1500, 10), results / "thumbnail.gif")
+    thumbnail.card(snapping, range(0, 1500, 10), results / "thumbnail.png")
 
     figure, (axes,) = plot.figure(1, 2, height=3.2)
     x = np.linspace(0, 1, 201)

@@ -141,29 +141,12 @@ def report(numbers):
 
 def draw(results, motion, hoist, load, motor, rope):
     # Imported here: the numbers need neither matplotlib nor pyvista.
-    from matplotlib.patches import Circle, Polygon
-
     from fx_beam import plot
     from shared import thumbnail
 
     plot.scene(hoist, results / "scene.png")
-    drum, upper_one, lower_one, upper_two, lower_two, end = rope.points
-
-    def moving(k):
-        places = np.array([motion.position(node)[k] for node in rope.points])
-        line = rope.outline(places)
-        yield Polygon(line, closed=False, fill=False, edgecolor="#CC79A7", linewidth=1.5)
-        for centre, radius in zip(places[:-1], (DRUM, *[SHEAVE] * 4), strict=True):
-            yield Circle(centre, 0.85 * radius, fill=False, edgecolor="0.4", linewidth=1)
-        psi = motion.rotation(drum)[k]
-        yield Circle(
-            places[0] + 0.6 * DRUM * np.array([np.cos(psi), np.sin(psi)]), 0.03, color="0.4"
-        )
-
-    frame = next(body for body in hoist.bodies if body.name == "frame").centre
-    bodies = [(lower_one, load.centre, lower_two), (upper_one, frame, upper_two, frame, end)]
     rows = range(0, round(TIME / DT), 60)
-    thumbnail.animate(motion, rows, results / "thumbnail.gif", moving=moving, bodies=bodies)
+    thumbnail.card(motion, rows, results / "thumbnail.png")
     figure, ((height, pull),) = plot.figure(1, 2)
     z, _ = exact(motion.t)
     height.plot(

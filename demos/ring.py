@@ -258,7 +258,7 @@ def draw(results, runs):
     flight = runs["EnergyMomentum", DT]
     plot.shapes(flight, results / "shapes.png", rows=range(0, 901, 150))
     plot.animate(flight, results / "motion.gif", rows=range(0, len(flight.t), 8), fps=20)
-    thumbnail.animate(flight, range(0, len(flight.t), 8), results / "thumbnail.gif")
+    thumbnail.card(flight, range(0, len(flight.t), 8), results / "thumbnail.png")
 
     figure, axes = plot.figure(2, 2)
     for (energy, drift), dt in zip(axes.T, (max(STEPS), DT), strict=True):

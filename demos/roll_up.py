@@ -132,7 +132,7 @@ def draw(results, runs, errors, motion):
     solution, beam, _ = runs["once"]
     plot.shapes(solution, results / "shapes.png", rows=range(len(solution.t)))
     plot.animate(motion, results / "motion.gif", rows=range(0, len(motion.t), 4), trace=beam.end)
-    thumbnail.animate(motion, range(0, len(motion.t), 4), results / "thumbnail.gif")
+    thumbnail.card(motion, range(0, len(motion.t), 4), results / "thumbnail.png")
 
     figure, axes = plot.figure(1, 2, height=3.0)
     convergence, energy = axes.flat

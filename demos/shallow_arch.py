@@ -138,7 +138,7 @@ def draw(results, path, beam, load):
 
     plot.scene(scene(DRAWN)[0], results / "scene.png", scene_unit="-")
     there = range(0, len(path.t), max(1, len(path.t) // 30))
-    thumbnail.animate(path, [*there, *reversed(there)], results / "thumbnail.gif", tall=25.0)
+    thumbnail.card(path, there, results / "thumbnail.png", tall=25.0)
     middle = beam.node(0.5)
 
     def fall(solution):

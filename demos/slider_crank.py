@@ -214,7 +214,7 @@ def draw(results, solution, joints):
     middle = solution.beams["rod"].node(0.5)
     two = range(len(t) - 1 - 2 * turn, len(t))
     plot.animate(solution, results / "motion.gif", rows=two[::4], trace=middle, colour="M")
-    thumbnail.animate(solution, two[::4], results / "thumbnail.gif")
+    thumbnail.card(solution, two[::4], results / "thumbnail.png")
 
     x, velocity, moment = rigid(t)
     grey = {"color": "0.6", "linewidth": 2.4, "label": "rigid mechanism, exact"}

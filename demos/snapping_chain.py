@@ -183,7 +183,7 @@ def draw(results, path, made, pulled, driven):
     ax.set(xlabel="equilibrium along the path", ylabel="height of the cell [mm]")
     plot.save(figure, results / "heights.png")
     plot.animate(path, results / "motion.gif", rows=range(0, len(path.t), 8), fps=12)
-    thumbnail.animate(path, range(0, len(path.t), 8), results / "thumbnail.gif")
+    thumbnail.card(path, range(0, len(path.t), 8), results / "thumbnail.png")
 
 
 if __name__ == "__main__":

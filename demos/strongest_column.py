@@ -121,7 +121,7 @@ def draw(results, shapes):
         half = np.sqrt(np.interp(np.linspace(0, 1, len(line)), places, areas))[:, None] * normal
         return [Polygon(np.concatenate([line + half, (line - half)[::-1]]), color="#0072B2")]
 
-    thumbnail.animate(path, [*rows, *reversed(rows)], results / "thumbnail.gif", outline, width=0.5)
+    thumbnail.card(path, rows, results / "thumbnail.png", also=outline, scale=0.6)
 
 
 if __name__ == "__main__":

@@ -286,7 +286,7 @@ def draw(results, runs, meshes, heavy):
     plot.shapes(solution, results / "shapes.png", rows=rows, marks=marks)
     frames = range(0, len(solution.t), tenth // 10)
     plot.animate(solution, results / "motion.gif", rows=frames, trace=marks["B"], marks=marks)
-    thumbnail.animate(solution, frames, results / "thumbnail.gif")
+    thumbnail.card(solution, frames, results / "thumbnail.png")
 
     figure, axes = plot.figure(2, 1)
     for i, ax in enumerate(axes.flat):

@@ -187,8 +187,6 @@ def report(numbers):
 
 def draw(results, responses, build, best, w):
     # Imported here: the numbers need neither matplotlib nor pyvista.
-    from matplotlib.patches import Circle
-
     from fx_beam import plot
     from shared import thumbnail
 
@@ -197,14 +195,9 @@ def draw(results, responses, build, best, w):
     plot.scene(scene, results / "scene.png")
     shaking = 10 * FORCE  # to be seen
     scene.add_force(tip, lambda t: (shaking * np.sin(w * t), 0.0))
-    period, weight = 2 * np.pi / w, scene.bodies["damper"].centre
+    period = 2 * np.pi / w
     motion = fb.simulate(scene, dt=period / 48, t_end=20 * period)
-
-    def drawn(k):
-        return [Circle(motion.position(weight)[k], 1.2, color="#D55E00", zorder=4)]
-
-    last, spring = range(19 * 48, 20 * 48), [(tip, weight)]
-    thumbnail.animate(motion, last, results / "thumbnail.gif", drawn, bodies=spring)
+    thumbnail.card(motion, range(19 * 48, 20 * 48), results / "thumbnail.png")
 
 
 if __name__ == "__main__":

@@ -151,10 +151,7 @@ def draw(results, runs):
     plot.animate(
         solution, results / "motion.gif", rows=range(0, len(solution.t), 20), trace=arm.end
     )
-    thumbnail.animate(
-        *(solution, range(0, len(solution.t), 25), results / "thumbnail.gif"),
-        fixed=lambda ax: ax.add_patch(thumbnail.disc(PEG, RADIUS)),
-    )
+    thumbnail.card(solution, range(0, len(solution.t), 25), results / "thumbnail.png")
 
     figure, axes = plot.figure(2, 2)
     (angle, force), (energy, drift) = axes

@@ -1,85 +1,75 @@
-"""Square pictures for the gallery: the mechanism in motion, without axes and text."""
+"""Pictures for the gallery: the mechanism with earlier shapes, without axes and text."""
 
-import io
-import itertools
+from types import SimpleNamespace
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.colors import LinearSegmentedColormap
 from PIL import Image
 
-from fx_beam import plot
+from fx_beam.plot.drawing import Drawing
+from fx_beam.plot.look import ACTS, MEMBERS, THEMES, Pen, mixed
+from fx_beam.plot.members import draw_members
+from fx_beam.plot.sheet import Plane
+from fx_beam.plot.symbols import draw_held, draw_moving
 
-COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
-PIXELS = 240
-#: Most frames of a GIF.
-FRAMES = 50
+#: Width and height [pixels].
+PIXELS = 640, 360
+_DPI, _COLOURS = 200, 96
+_SHAPES = 6  # that are drawn, with the last one
+_PALEST, _DARKEST = 0.88, 0.5  # shares of the paper in the first and the last earlier shape
 
 
-def animate(
-    solution,
-    rows,
-    path,
-    moving=None,
-    fixed=None,
-    shade=None,
-    magnify=1.0,
-    tall=1.0,
-    width=3.0,
-    bodies=(),
-):
-    """Write a GIF of some rows, thinned to `FRAMES`, with functions for objects beside the members.
+def card(solution, rows, path, shade=None, magnify=1.0, tall=1.0, scale=1.3, also=None):
+    """Write a PNG of some rows, of which six are drawn, the last one with its symbols.
 
-    ``fixed(axes)`` draws what stands still, ``moving(k)`` gives matplotlib's patches in row k, and
-    ``shade(k)`` a number from 0 to 1 for the colour of each member. Displacements are magnified,
-    and heights are multiplied by `tall`. Bodies are lists of points, between which lines are drawn.
+    ``shade(k)`` is a number from 0 to 1 for the colour of each member in row k: then only the last
+    row is drawn. Displacements are magnified, and heights are multiplied by `tall`. Members and
+    symbols have a `scale`. ``also(k)`` gives matplotlib's patches to draw in the last row.
     """
-    rows, beams = list(rows), list(solution.beams.values())
-    rows = rows[:: -(-len(rows) // FRAMES)]
-    shapes = [(1.0, tall) * _magnified(solution, beam, rows, magnify) for beam in beams]
-    for points in bodies:
-        shapes.append(np.stack([solution.position(point)[rows] for point in points], axis=1))
-    figure = Figure(figsize=(PIXELS / 100, PIXELS / 100), dpi=100)
-    canvas, ax = FigureCanvasAgg(figure), figure.add_axes((0, 0, 1, 1))
-    ax.set_axis_off()
-    low, high = (f([f(s, axis=(0, 1)) for s in shapes], axis=0) for f in (np.min, np.max))
-    half = 0.56 * (high - low).max()
-    for limits, middle in zip((ax.set_xlim, ax.set_ylim), (low + high) / 2, strict=True):
-        limits(middle - half, middle + half)
-    if fixed is not None:
-        fixed(ax)
-    colours = list(itertools.islice(itertools.cycle(COLOURS), len(shapes)))
-    look = {"linewidths": width, "capstyle": "round", "zorder": 3}
-    look |= {"colors": colours} if shade is None else {"cmap": "magma_r", "clim": (-0.15, 1)}
-    lines = ax.add_collection(LineCollection([], **look))
-    frames = []
-    for number, row in enumerate(rows):
-        lines.set_segments([shape[number] for shape in shapes])
-        if shade is not None:
-            lines.set_array(shade(row))
-        patches = [] if moving is None else [ax.add_patch(patch) for patch in moving(row)]
-        canvas.draw()
-        frames.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB"))
-        for patch in patches:
-            patch.remove()
-    palette = frames[len(frames) // 2].quantize(32)
-    pale = np.array(palette.getpalette()).reshape(-1, 3)
-    pale[pale.min(axis=1) > 245] = 255  # the background stays white
-    palette.putpalette(pale.ravel().tolist())
-    first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    file = io.BytesIO()
-    first.save(file, "GIF", save_all=True, append_images=others, duration=50, loop=0)
-    path.write_bytes(file.getvalue())
+    every, theme = list(dict.fromkeys(rows)), THEMES["light"]
+    places = np.linspace(0, len(every) - 1, min(_SHAPES, len(every))).round().astype(int)
+    shown = [every[i] for i in places][-1 if shade else 0 :]
+    drawing = Drawing(_stretched(solution, tall), shown, magnify)
+    size = np.array(PIXELS) / _DPI
+    plane = Plane(drawing, theme, size=tuple(size), room=16.0, is_framed=False)
+    plane.figure.set_dpi(_DPI)
+    last = Pen(plane.ax, theme, scale * drawing.thinness)
+    for i, k in enumerate(shown[:-1]):
+        fade = _PALEST - (_PALEST - _DARKEST) * i / max(1, len(shown) - 2)
+        pen = Pen(plane.ax, theme, scale * drawing.thinness, fade)
+        draw_members(pen, drawing, k, ghost=True)
+        draw_moving(pen, drawing, k, ghost=True)
+        pen.finish()
+    if shade is None:
+        draw_members(last, drawing, shown[-1])
+    else:
+        _draw_shades(plane.ax, drawing, shown[-1], np.asarray(shade(shown[-1])))
+    draw_moving(last, drawing, shown[-1])
+    draw_held(last, drawing, drawing.parts(shown[-1]), shown[-1])
+    last.finish()
+    for patch in also(shown[-1]) if also else ():
+        plane.ax.add_patch(patch)
+    plane.figure.savefig(path, dpi=_DPI)
+    with Image.open(path) as picture:
+        few = picture.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+    few.save(path, optimize=True)
 
 
-def _magnified(solution, beam, rows, factor):
-    """Positions (rows, points, 2) along a beam, with displacements times a factor."""
-    shape = solution.shape(beam)
-    return plot.axis(shape[:1] + factor * (shape[rows] - shape[:1]), beam.degree)
+def _stretched(solution, tall):
+    """A solution whose heights are multiplied."""
+    if tall == 1:
+        return solution
+    names = ("beams", "bodies", "nodes_of_beam", "contacts", "parts", "line_forces")
+    parts = {name: getattr(solution, name) for name in names}
+    return SimpleNamespace(X=solution.X * (1, tall), q=solution.q * (1, tall, 1), **parts)
 
 
-def disc(centre, radius):
-    """A body, an obstacle or a mass."""
-    return Circle(centre, radius, facecolor="0.85", edgecolor="0.3", linewidth=1.5)
+def _draw_shades(ax, drawing, k, shades):
+    """Members from grey to orange, those with the strongest colours above."""
+    theme = THEMES["light"]
+    colours = [mixed(theme.soft, theme.paper, 0.55), *MEMBERS[:1], MEMBERS[3], MEMBERS[2], ACTS]
+    ramp = LinearSegmentedColormap.from_list("from grey to orange", colours)
+    order, lines = np.argsort(shades), [drawing.axis(name, k) for name in drawing.solution.beams]
+    look = {"colors": ramp(shades[order]), "linewidths": 0.5 + 1.0 * shades[order]}
+    ax.add_collection(LineCollection([lines[i] for i in order], capstyle="round", **look))

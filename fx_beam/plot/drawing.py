@@ -17,8 +17,9 @@ from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.solution import Solution, forces_on_nodes, parts_in
 from fx_beam.scene.beam import Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.forces_between import FixedPoint, ForceBetween
+from fx_beam.scene.gears import Gear
 from fx_beam.scene.ground_springs import GroundSpring
-from fx_beam.scene.joints import GROUND
+from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.parts import Parts
 
 from .outlines import Obstacles, turn
@@ -283,14 +284,54 @@ def _framed_points(drawing: Drawing) -> np.ndarray:
     fixed += [foot for force in grounded for _, foot, _ in feet(drawing, force)]
     arrows = [drawing.arrow(node, k) for k, forces in drawing.forces.items() for node in forces]
     lines = [outline.line for k in drawing.rows for outline in drawing.obstacles.all(k)]
-    lines += [circle for k in drawing.rows for circle in drawing.circles(drawing.parts(k), k)]
+    for k in drawing.rows:
+        parts = drawing.parts(k)
+        lines += drawing.circles(parts, k)
+        for place, radius in wheels(drawing, parts, k):
+            lines.append(place + radius * _WHEEL)
     return np.concatenate([drawing.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
+
+
+def gear_radii(gear: Gear, distance: float) -> tuple[float, float]:
+    """Pitch radii of two wheels at a distance, in their ratio; of a belt by 40 % of it."""
+    ratio = abs(float(gear.ratio))
+    if gear.ratio > 0:
+        return 0.4 * distance * min(1.0, ratio), 0.4 * distance * min(1.0, 1 / ratio)
+    return distance * ratio / (1 + ratio), distance / (1 + ratio)
+
+
+def wheels(drawing: Drawing, parts: Parts, k: int) -> list[tuple[np.ndarray, float]]:
+    """Centres (2,) in row k and radii of gears and pulleys."""
+    circles: list[tuple[np.ndarray, float]] = []
+    for gear in parts.gears:
+        nodes = [node_of(joint).number for joint in (gear.joint_a, gear.joint_b)]
+        radii = abs(float(gear.ratio)), 0.0
+        if gear.driven == "rotation":
+            radii = gear_radii(
+                gear, float(np.hypot(*np.diff(drawing.solution.X[nodes], axis=0)[0]))
+            )
+        circles += zip(drawing.positions(nodes, k), radii, strict=True)
+    for force in parts.forces_between:
+        radii = abs(getattr(force, "radii", np.empty(0)))
+        pairs = zip(force.points, radii.tolist(), strict=False)
+        circles += [(drawing.place(point, k), radius) for point, radius in pairs if radius]
+    return circles
+
+
+def is_grounded(joint: Joint) -> bool:
+    """Whether a joint is on the ground."""
+    return GROUND in (joint.a, joint.b)
+
+
+def node_of(joint: Joint) -> Node:
+    """The node b of a joint, or the one that it connects with the ground."""
+    return joint.a if joint.b is GROUND else joint.b
 
 
 def words_over(drawing: Drawing, title: str, times: Sequence[str] = ()) -> str:
     """What is written over a picture: a title, times, and the factor on displacements."""
     require(isinstance(title, str), "title", title, "a text")
-    magnified = [f"displacements x {drawing.magnify:g}"] if drawing.magnify != 1 else []
+    magnified = [f"displacements x {drawing.magnify:g}"] if drawing.magnify not in (0, 1) else []
     return ", ".join([*([title] if title else []), *times, *magnified])
 
 

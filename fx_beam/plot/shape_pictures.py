@@ -120,7 +120,8 @@ def shapes(
     drawing.include(members.corners)
     marks = symbols.checked_marks(drawing, marks)
     ends = headings(solution, solution.t[[shown[-1], shown[0]]])
-    heading = ends[0] if by_time or len(shown) < 2 else f"{ends[0]} (paler: from {ends[1]})"
+    first = ends[1].removeprefix("t = ").removeprefix("load factor ")
+    heading = ends[0] if by_time or len(shown) < 2 else f"{ends[0]} (paler: from {first})"
     words = words_over(drawing, title, [] if by_time and len(shown) > 1 else [heading])
     bar = quantity is not None or (by_time and len(shown) > 1)
     plane = Plane(drawing, colours, bar, words)

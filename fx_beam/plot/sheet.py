@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ PICTURES = sorted(FigureCanvasAgg.filetypes)
 LARGEST = 7.0, 5.6
 # Around the axes: left, below, right, above; and what a colour bar needs beside or below them.
 _BORDER, _BESIDE, _BELOW = (0.62, 0.45, 0.12, 0.12), 1.0, 0.75
-_TITLE = 0.24  # height of a title [inch]
+_TITLE, _LONG = 0.18, 36  # height of a line of a title [inch], and letters that may need two
 _NARROW = 2.4  # width of the axes that a title needs [inch]
 _LOW = 2.2  # height of the axes up to which the colour bar lies below them [inch]
 
@@ -74,7 +75,7 @@ class Plane:
         for is_below in (False, True) if bar else (False,):
             left, bottom, right, top = _BORDER if is_framed else (0.05,) * 4
             left += room_for_ticks(low[1], high[1]) if is_framed else 0.0
-            top += _TITLE if title or size else 0.0
+            top += _TITLE * (1 + (len(title) > _LONG)) if title else _TITLE * bool(size)
             right, bottom = right + _BESIDE * (bar and not is_below), bottom + _BELOW * is_below
             space = whole - (left + right, bottom + top)
             # Length in the drawing of an inch.
@@ -106,7 +107,8 @@ class Plane:
         sides = (inner[0], 0.14) if self._bar_below else (0.14, inner[1])
         self._bar_place = (*(np.array(start) / whole), *(np.array(sides) / whole))
         if title and size is None:
-            self.ax.set_title(title, fontsize=9, pad=4)
+            lines = textwrap.fill(title, max(20, int(15 * inner[0])))
+            self.ax.set_title(lines, fontsize=9, pad=4)
 
     def draw_bar(self, scale, **look):
         """Draw the colour bar of a scale."""

@@ -12,26 +12,16 @@ from fx_beam.scene.beam import Node
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.gears import Gear
 from fx_beam.scene.ground_springs import GroundSpring
-from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.joints import Joint
 from fx_beam.scene.loads import Mass
 from fx_beam.scene.parts import Parts
 
-from .drawing import Drawing, feet, line_between
+from .drawing import Drawing, feet, gear_radii, is_grounded, line_between, node_of
 from .look import ACTS, MEMBERS, ROPE, Pen, circle, hull, left_of, mixed, rounded, unit
 from .outlines import Outline
 
 _SIDES = np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
 _FORCE = 0.02  # smallest force that is drawn, as a fraction of the largest
-
-
-def is_grounded(joint: Joint) -> bool:
-    """Whether a joint is on the ground."""
-    return GROUND in (joint.a, joint.b)
-
-
-def node_of(joint: Joint) -> Node:
-    """The node b of a joint, or the one that it connects with the ground."""
-    return joint.a if joint.b is GROUND else joint.b
 
 
 # -- Supports --------------------------------------------------------------------------------------
@@ -326,7 +316,7 @@ def _draw_slide(
         _draw_along(pen, drawing, joint, place, way, k)
         return
     origin, (low, high) = _origin(drawing, joint, k), drawing.once(_ranges, parts)[joint.number]
-    more = max(8.0 * pen.unit, (46.0 * pen.unit - (high - low)) / 2)
+    more = max((2.5 if turns else 8.0) * pen.unit, (46.0 * pen.unit - (high - low)) / 2)
     ends = origin + np.outer((low - more, high + more), way)
     if turns:  # a slot
         for radius, face, z in ((7.5, None, 4.4), (5.0, pen.theme.paper, 4.5)):
@@ -338,7 +328,9 @@ def _draw_slide(
             pen.ground(long + 10.0 * pen.unit * across, across, 5.0)
         pen.area(pen.at(place, _BLOCK, way), width=1.2, z=2.6)
     else:
-        pen.line(ends, pen.theme.soft, 1.0, 2.4)
+        slide = (place - origin) @ way  # the guide reaches a little beyond what slides
+        reach = np.array([min(0.0, slide), max(0.0, slide)]) + 20.0 * pen.unit * np.array([-1, 1])
+        pen.line(origin + np.outer(reach, way), pen.theme.soft, 1.0, 2.4)
         for side in (1, _MIRROR):
             pen.area(pen.at(place, _JAW * side, way), width=1.1, z=4.6)
     _draw_along(pen, drawing, joint, place, way, k)
@@ -448,13 +440,13 @@ def _draw_gear(pen: Pen, drawing: Drawing, gear: Gear, number: int, k: int) -> N
     if gear.driven == "slide":
         _draw_rack(pen, drawing, gear, (a, b), faces, k)
         return
-    distance, ratio = float(np.hypot(*(start[1] - start[0]))), abs(float(gear.ratio))
+    distance = float(np.hypot(*(start[1] - start[0])))
+    radii = gear_radii(gear, distance)
     way = np.arctan2(*(b - a)[::-1])
     angles = [drawing.angle(node, k) for node in nodes]
     if distance <= 20.0 * pen.unit:  # on one axis
         return
     if gear.ratio > 0:  # a belt
-        radii = 0.4 * distance * np.array([min(1.0, ratio), min(1.0, 1 / ratio)])
         lean = np.arcsin((radii[0] - radii[1]) / distance)
         for side in (1.0, -1.0):
             angle = way + side * (np.pi / 2 - lean)
@@ -464,7 +456,6 @@ def _draw_gear(pen: Pen, drawing: Drawing, gear: Gear, number: int, k: int) -> N
             pen.area(circle(place, radius)[:-1], face, width=1.2, z=2.0)
             pen.line([place, place + radius * np.array([-np.sin(angle), np.cos(angle)])], z=2.2)
         return
-    radii = distance * np.array([ratio, 1.0]) / (1 + ratio)
     for i, (place, radius) in enumerate(zip((a, b), radii, strict=True)):
         teeth = max(8, round(2 * radius / (_MODULE * pen.unit)))
         phase = way + angles[0] if i == 0 else way + np.pi * (1 + 1 / teeth) + angles[1]

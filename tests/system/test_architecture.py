@@ -134,7 +134,7 @@ def test_each_library_is_called_from_one_place(packages):
 
 
 def test_physics_and_data_need_numpy_and_ufl_only():
-    # scipy: splines, the root of an arc length, nearest nodes, points of drawings; tables are made on request
+    # scipy: splines, roots of arc lengths, nearest nodes, drawings; tables are made on request
     more = {
         "scene.curve": {"scipy"},
         "scene.contacts": {"scipy"},

@@ -41,9 +41,9 @@ def test_demo_draws_its_pictures(name):
     for file in PICTURES[name]:
         with Image.open(directory / file) as picture:
             first = np.asarray(picture.convert("L"), dtype=float)
-            assert first.std() > (1 if file == "thumbnail.gif" else 10), f"{file} is blank"
+            assert first.std() > (1 if file == "thumbnail.png" else 10), f"{file} is blank"
             # 2 inches less some pixels, on which fonts decide, at 150 dots per inch.
-            assert file == "thumbnail.gif" or min(first.shape) > 1.9 * 150
+            assert file == "thumbnail.png" or min(first.shape) > 1.9 * 150
             if file.endswith(".gif"):
                 frames, few, fps = FILMS[name] if file == "motion.gif" else (1, 1, 20)
                 assert (directory / file).stat().st_size * frames / few < 2e6
