@@ -32,7 +32,9 @@ def card(solution, rows, path, shade=None, magnify=1.0, tall=1.0, scale=1.3, als
     shown = [every[i] for i in places][-1 if shade else 0 :]
     drawing = Drawing(_stretched(solution, tall), shown, magnify)
     size = np.array(PIXELS) / _DPI
-    plane = Plane(drawing, theme, size=tuple(size), room=16.0, is_framed=False)
+    parts = drawing.parts(shown[-1])
+    room = 24.0 if parts.fixed or parts.joints else 8.0  # for supports
+    plane = Plane(drawing, theme, size=tuple(size), room=room, is_framed=False)
     plane.figure.set_dpi(_DPI)
     last = Pen(plane.ax, theme, scale * drawing.thinness)
     for i, k in enumerate(shown[:-1]):
@@ -46,7 +48,7 @@ def card(solution, rows, path, shade=None, magnify=1.0, tall=1.0, scale=1.3, als
     else:
         _draw_shades(plane.ax, drawing, shown[-1], np.asarray(shade(shown[-1])))
     draw_moving(last, drawing, shown[-1])
-    draw_held(last, drawing, drawing.parts(shown[-1]), shown[-1])
+    draw_held(last, drawing, parts, shown[-1])
     last.finish()
     for patch in also(shown[-1]) if also else ():
         plane.ax.add_patch(patch)

@@ -184,8 +184,10 @@ def widths_of(pen: Pen, drawing: Drawing) -> np.ndarray:
     return np.maximum(widths, least)
 
 
-def draw_members(pen: Pen, drawing: Drawing, k: int, ghost: bool = False, z: float = 3.0) -> None:
-    """Draw all members in row k as lines as thick as they are; ghosts are pale and plain."""
+def draw_members(
+    pen: Pen, drawing: Drawing, k: int, ghost: bool = False, width: float | None = None
+) -> None:
+    """Draw all members in row k as lines as thick as they are, or of a width; ghosts are plain."""
     beams = list(drawing.solution.beams.values())
     if not beams:
         return
@@ -198,21 +200,21 @@ def draw_members(pen: Pen, drawing: Drawing, k: int, ghost: bool = False, z: flo
         lines = np.concatenate([points, gaps], axis=1)
         owner = np.repeat(np.arange(len(beams)) % len(MEMBERS), elements)
         for number, colour in enumerate(MEMBERS):
-            pen.line(lines[owner == number].reshape(-1, 2), colour, _LEAST * pen.scale, z)
+            pen.line(lines[owner == number].reshape(-1, 2), colour, _LEAST * pen.scale)
         return
     ends, theme = np.cumsum(elements), pen.theme
-    widths = widths_of(pen, drawing)
-    for i, (shade, width) in enumerate(zip(colours, widths.tolist(), strict=True)):
+    z, widths = 3.0, widths_of(pen, drawing) if width is None else np.full(len(beams), width)
+    for i, (shade, thick) in enumerate(zip(colours, widths.tolist(), strict=True)):
         own = points[ends[i] - elements[i] : ends[i]]
         line = np.concatenate([own[:, :-1].reshape(-1, 2), own[-1:, -1]])
         if ghost:
-            pen.line(line, shade, width, z - 1)
+            pen.line(line, shade, thick, z - 1)
             continue
-        if width > 2:
-            pen.line(line, mixed(shade, theme.ink, 0.55), width + 2 * _EDGE, z)
-        pen.line(line, shade, width, z + 0.01)
-        if width > _BRIGHT:
-            pen.line(line, mixed(shade, "#ffffff", 0.42), 0.28 * width, z + 0.02)
+        if thick > 2:
+            pen.line(line, mixed(shade, theme.ink, 0.55), thick + 2 * _EDGE, z)
+        pen.line(line, shade, thick, z + 0.01)
+        if thick > _BRIGHT:
+            pen.line(line, mixed(shade, "#ffffff", 0.42), 0.28 * thick, z + 0.02)
 
 
 def _contact_depths(contacts: Iterable[Contact]) -> dict[str, float]:

@@ -75,7 +75,8 @@ class Plane:
         for is_below in (False, True) if bar else (False,):
             left, bottom, right, top = _BORDER if is_framed else (0.05,) * 4
             left += room_for_ticks(low[1], high[1]) if is_framed else 0.0
-            top += _TITLE * (1 + (len(title) > _LONG)) if title else _TITLE * bool(size)
+            if title or (size and is_framed):
+                top += _TITLE * (1 + (len(title) > _LONG))
             right, bottom = right + _BESIDE * (bar and not is_below), bottom + _BELOW * is_below
             space = whole - (left + right, bottom + top)
             # Length in the drawing of an inch.

@@ -230,14 +230,16 @@ def checked_marks(drawing: Drawing, marks: dict[str, Node] | None) -> dict[str, 
 def draw_joints(pen: Pen, drawing: Drawing, parts: Parts, k: int) -> None:
     """Draw hinges, slides, gears, and what acts on their angles and slides."""
     hinges = []
-    centres = {body.centre for body in drawing.solution.bodies.values()}
+    of_bodies = {node for body in drawing.solution.bodies.values() for node in body.nodes}
     for joint in parts.joints:
         place = drawing.positions(node_of(joint).number, k)
         if joint.slide is not None:
             _draw_slide(pen, drawing, parts, joint, place, k)
         elif not (joint.is_rigid or is_grounded(joint)):
             hinges.append(place)
-        elif not (joint.a in centres or joint.offset.any() or is_grounded(joint)):
+        elif of_bodies.isdisjoint((joint.a, joint.b)) and not (
+            joint.offset.any() or is_grounded(joint)
+        ):
             _draw_gusset(pen, drawing, parts, joint, k)
         if joint.rotation is not None:
             _draw_around(pen, place, joint.rotation)
