@@ -120,7 +120,7 @@ def draw(results, solution, tip):
     plot.shapes(solution, results / "shapes.png", times=(0.0, WAY / 2, T_END))
     rows = range(0, int(2.0 / DT), 20)
     plot.animate(solution, results / "motion.gif", rows=rows)
-    thumbnail.animate(solution, rows, results / "thumbnail.gif")
+    thumbnail.card(solution, rows, results / "thumbnail.png")
     figure, axes = plot.figure(1, 2, height=3.0)
     place, work = axes.flat
     place.plot(solution.t, solution.position(tip), label=("$x$", "$y$"))

@@ -190,7 +190,7 @@ def draw(results, equilibrium, engine, way, path, shapes):
     from fx_beam import plot
     from shared import thumbnail
 
-    thumbnail.animate(engine, range(len(engine.t)), results / "thumbnail.gif")
+    thumbnail.card(engine, range(len(engine.t)), results / "thumbnail.png")
     figure, axes = plot.figure(1, 1, height=3.0)
     (panel,) = axes.flat
     fine = np.linspace(0.0, max(way.max(), path[0].max()), 400)

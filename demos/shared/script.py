@@ -44,4 +44,4 @@ def run(level="WARNING"):
     folder = Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem
     main(demo, folder)
     pictures = {path.name for path in folder.iterdir() if path.suffix in (".gif", ".png")}
-    print(f"pictures in {folder}:", *sorted(pictures - {"thumbnail.gif"}))
+    print(f"pictures in {folder}:", *sorted(pictures - {"thumbnail.png"}))

@@ -153,7 +153,7 @@ class Equations:
         batch = StepBatch.single(state.t, _SLOW, q=still.q, v=still.v, slides=still.slides)
         model.forms.compiled_points.begin(interval, batch)
         if self._inertia is not None:
-            self._inertia.begin(still, _SLOW)
+            self._inertia.begin(still, _SLOW, np.zeros(model.size))
         self._y, self._driven = np.zeros(model.reduction.free), np.zeros(model.reduction.driven)
         self._choose_unknowns()
         self.evaluate(self.y)

@@ -20,7 +20,7 @@ class BeamsOfMesh(MeshBeams):
     """Beams of the cells of a mesh of dolfinx, in their order, with tags of cells and points."""
 
     def __init__(self, beams: MeshBeams, nodes: list[Node], mesh: Mesh, tags: np.ndarray | None):
-        super().__init__(nodes)
+        super().__init__(nodes, beams.cells)
         self.extend(beams)
         self._mesh, self._tags = mesh, tags
 

@@ -20,7 +20,6 @@ from matplotlib.artist import Artist
 from matplotlib.collections import Collection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from fx_beam.errors import (
     StepError,
@@ -33,7 +32,9 @@ from fx_beam.errors import (
 from fx_beam.results.files import of_numpy
 
 from .drawing import Drawing
-from .symbols import draw_lines, draw_moving, draw_surroundings
+from .look import Pen, theme_of
+from .members import draw_members
+from .symbols import draw_held, draw_moving
 
 _log = logging.getLogger("fx_beam")
 _TEMPLATE = Path(__file__).with_suffix(".html")
@@ -163,6 +164,10 @@ class _Run:
         self._nodes = [node for node in scene.nodes if node.number not in scene.gone]
         self._numbers = [node.number for node in self._nodes]
         self._axes = Figure((8, 8)).add_axes((0, 0, 1, 1))
+        low, high = np.array(self._window)
+        half = max(high - low) / 2
+        limits_of = ((x - half, x + half) for x in ((low + high) / 2).tolist())
+        self._axes.set(**dict(zip(("xlim", "ylim"), limits_of, strict=True)))
         masses = [mass for _, mass, _ in scene.masses]
         for beam in drawing.solution.beams.values():
             masses.append(beam.length * float(beam.section.values("rhoA", np.array([0.5]))[0]))
@@ -246,16 +251,17 @@ class _Run:
         drawing.include(self._window)
         for artist in (*axes.lines, *axes.collections):
             artist.remove()
-        look: Any = {"color": "#0072B2", "linewidth": 2 * drawing.thinness, "zorder": 2.5}
-        draw_lines(axes, [drawing.axis(name, 0) for name in state.beams], **look)
-        draw_moving(axes, drawing, 0)
-        draw_surroundings(axes, drawing, 0)
+        pen = Pen(axes, theme_of("light"), drawing.thinness)
+        draw_members(pen, drawing, 0)
+        draw_moving(pen, drawing, 0)
+        draw_held(pen, drawing, drawing.parts(0), 0)
+        pen.finish()
+        artists = sorted([*axes.collections, *axes.lines], key=Artist.get_zorder)
         energies = {name: float(getattr(state.energy, name)[0]) for name in _ENERGIES}
         outputs = {name: np.ravel(value) for name, value in self._motion.outputs.items()}
         return {
             "t": state.t[0],
-            "lines": [_line(line) for line in sorted(axes.lines, key=Artist.get_zorder)],
-            "areas": [area for areas in axes.collections for area in _areas(areas)],
+            "shapes": [shape for artist in artists for shape in _shapes(artist)],
             "nodes": drawing.positions(self._numbers, 0),
             "targets": self._targets,
             "energies": {name: x for name, x in energies.items() if x or name == "total"},
@@ -271,27 +277,27 @@ def _followed(x: np.ndarray, rate: np.ndarray, target: np.ndarray, part: float) 
     return target + (away + slope * part) * decay, (rate - slope * part) * decay
 
 
-def _line(line: Line2D) -> dict[str, Any]:
-    """A line or markers of matplotlib for the page, with gaps as null; sizes in pixels."""
-    points = [None if math.isnan(x) else (x, y) for x, y in np.asarray(line.get_xydata()).tolist()]
-    marker, dashed = str(line.get_marker()), line.is_dashed()
-    size = _PIXELS * (line.get_markersize() if marker in "os+" else line.get_linewidth())
-    edge = to_hex(line.get_markeredgecolor())
-    colour = to_hex(line.get_color())
-    return {
-        "points": points,
-        "marker": marker,
-        "dashed": dashed,
-        "size": size,
-        "edge": edge,
-        "colour": colour,
-    }
-
-
-def _areas(areas: Collection) -> Iterator[dict[str, Any]]:
-    """Areas of matplotlib for the page."""
-    colour = to_hex(tuple(np.ravel(areas.get_facecolor())[:4]), keep_alpha=True)
-    return ({"points": path.vertices, "colour": colour} for path in areas.get_paths())
+def _shapes(artist: Any) -> Iterator[dict[str, Any]]:
+    """Lines, discs or areas of matplotlib for the page, with gaps as null; sizes in pixels."""
+    if isinstance(artist, Collection):
+        colours: list[Any] = [artist.get_facecolor(), artist.get_edgecolor()]
+        width = float(np.ravel(artist.get_linewidth())[0])
+        face, edge = (to_hex(c[0], keep_alpha=True) if len(c) else None for c in colours)
+        look = {"face": face, "edge": edge if width else None, "width": _PIXELS * width}
+        yield from ({"points": path.vertices, **look} for path in artist.get_paths())
+        return
+    points = [
+        None if math.isnan(x) else (x, y) for x, y in np.asarray(artist.get_xydata()).tolist()
+    ]
+    if artist.get_marker() == "o":
+        width, face = artist.get_markeredgewidth(), to_hex(artist.get_markerfacecolor())
+        edge = to_hex(artist.get_markeredgecolor()) if width else None
+        size = _PIXELS * artist.get_markersize()
+        yield {"points": points, "face": face, "edge": edge, "width": _PIXELS * width, "disc": size}
+        return
+    width = _PIXELS * artist.get_linewidth()
+    dash = [4 * width, 3 * width] if artist.is_dashed() else []
+    yield {"points": points, "edge": to_hex(artist.get_color()), "width": width, "dash": dash}
 
 
 def _text(data: dict[str, Any]) -> str:

@@ -17,6 +17,7 @@ from scenes import assert_refused
 
 import fx_beam as fb
 from fx_beam.plot import live_page
+from fx_beam.plot.look import MEMBERS
 
 pytestmark = pytest.mark.plot
 STRIP = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=0.5, rhoI=1e-4, retardation=1e-2)
@@ -106,8 +107,8 @@ def test_a_picture_has_members_supports_and_energies_of_the_state():
         picture = ask(view, speed=0.0)
         assert picture["nodes"] == (motion.state.X + motion.q[:, :2]).tolist()
         assert picture["energies"]["total"] == motion.state.energy.total[0]
-        (member,) = (line for line in picture["lines"] if line["colour"] == "#0072b2")
-        assert member["points"][:5] == picture["nodes"] and len(picture["lines"]) > 2
+        (member,) = (shape for shape in picture["shapes"] if shape["edge"] == MEMBERS[0])
+        assert member["points"][:5] == picture["nodes"] and len(picture["shapes"]) > 2
 
 
 @pytest.mark.parametrize(
