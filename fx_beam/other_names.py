@@ -152,9 +152,20 @@ def answering(kind: _Kind) -> _Kind:
     return kind
 
 
+def add_hint(error: TypeError, function: Callable, keywords: Iterable[str]) -> None:
+    """Add a hint to the error of a call, if it has a keyword that the function does not know."""
+    names = inspect.signature(function).parameters
+    unknown = [name for name in keywords if name not in names]
+    if unknown and "unexpected keyword" in str(error):
+        error.args = (f"{error}{hint('keyword', unknown[0], names)}",)
+
+
 def answering_keywords(function: Any, home: str) -> Any:
-    """A function of the module `home`, with hints for keywords that it does not have."""
-    if not isinstance(function, FunctionType):
+    """A function of the module `home`, with hints for keywords that it does not have.
+
+    Functions with a decorator are as they are: it adds the hints.
+    """
+    if not isinstance(function, FunctionType) or hasattr(function, "__wrapped__"):
         return function
     called: Callable = function
 
@@ -163,11 +174,8 @@ def answering_keywords(function: Any, home: str) -> Any:
         try:
             return called(*arguments, **options)
         except TypeError as error:
-            names = inspect.signature(called).parameters
-            unknown = [name for name in options if name not in names]
-            if not unknown or "unexpected keyword" not in str(error):
-                raise
-            raise TypeError(f"{error}{hint('keyword', unknown[0], names)}") from None
+            add_hint(error, called, options)
+            raise
 
     answer.__module__ = home  # where pickles find it
     return answer

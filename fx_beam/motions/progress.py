@@ -10,6 +10,7 @@ from typing import ParamSpec
 from tqdm import tqdm
 
 from fx_beam.errors import Failure, StepError
+from fx_beam.other_names import add_hint
 from fx_beam.results.solution import Solution
 from fx_beam.step.interrupts import without_ctrl_c
 
@@ -80,6 +81,8 @@ def attach_partial_result(function: Callable[_P, Solution]) -> Callable[_P, Solu
         try:
             return function(*arguments, **named)
         except BaseException as stop:
+            if isinstance(stop, TypeError):
+                add_hint(stop, function, named)
             if not hasattr(stop, "solution"):
                 stop.solution = None  # type: ignore[attr-defined]
             if isinstance(stop, KeyboardInterrupt) and stop.solution is None:  # type: ignore[attr-defined]

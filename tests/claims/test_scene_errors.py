@@ -235,5 +235,7 @@ def test_keywords_of_other_programs_of_pictures_are_answered_by_ours():
     assert_refused("'color'.*'colour'", fb.plot.shapes, None, "x.png", color="M", error=TypeError)
 
 
+@pytest.mark.plot
 def test_functions_with_hints_are_pickled_by_name():
-    assert pickle.loads(pickle.dumps(fb.simulate)) is fb.simulate
+    for function in (fb.simulate, fb.modes, fb.plot.shapes):
+        assert pickle.loads(pickle.dumps(function)) is function
