@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -52,13 +52,15 @@ _SYMBOLS = 0.8  # size of symbols
 _DENSE = 10.0  # distance between members below which their lines are thinner [points]
 _PIECES, _FINE = 8, 64  # of an element, and where values are written
 _NAMED = 12  # members up to which each has its values written beside it
+# Solutions with the rows that are drawn.
+_Cases = list[tuple[Solution, list[int]]]
 # Values by the largest that are not written; differences below which one is; ends that are.
 _LEAST, _ALIKE, _END, _SAME, _CORNER = 0.03, 0.04, 0.15, 0.005, 12.0
 _KILO = 1e3  # from which largest value on numbers have a prefix
 
 
 def diagrams(
-    solution: Solution,
+    solution: Solution | Sequence[Solution],
     path: Path | str | None = None,
     row: int | None = None,
     quantities: Sequence[str] = RESULTANTS,
@@ -77,15 +79,18 @@ def diagrams(
     their forces in the panel of N, a slack rope is dashed. Values follow from the balance of each
     element, as `BeamResultants.at` has them: at a clamp they are the reaction, at a free end zero.
 
+    Of several solutions it is the envelope: largest and least values over all their rows, on the
+    members as they start. Beside a value is the number of the solution that gives it.
+
     Parameters
     ----------
-    solution : Solution
-        The motion, or the equilibria.
+    solution : Solution or sequence of Solution
+        The motion, or the equilibria; or several load cases or motions of one scene.
     path : str or path, optional
         Picture to write; its ending gives the format.
     row : int, optional
         Row of `Solution.t`, by default the last. In a motion the values are means over the step
-        that ends there, see `Solution.t_level`.
+        that ends there, see `Solution.t_level`. Left out of an envelope.
     quantities : sequence of {"N", "Q", "M"}
         The panels, from left to right, or one below the other if the scene is wide.
     deformed : bool
@@ -108,22 +113,24 @@ def diagrams(
         For a row or quantities that the solution does not have, or one without beams.
     """
     path, colours = picture(path), theme_of(theme)
-    if row is None and isinstance(solution, Solution):
-        row = len(solution.t) - 1
-    (row,) = checked_rows(solution, rows=[row])
-    if not solution.beams:
+    is_envelope = isinstance(solution, list | tuple)
+    cases = _cases_of(solution, row)
+    shown, (row, *_) = cases[0]
+    if not shown.beams:
         raise ValueError("diagrams need beams, but the solution has none")
     choice = [quantities] if isinstance(quantities, str) else quantities
     names = list(choice) if isinstance(choice, Iterable) else []
     ok = len(names) > 0 and all(is_one_of(name, RESULTANTS) for name in names)
     require(ok, "quantities", quantities, f"some of {', '.join(RESULTANTS)}")
     require(is_flag(deformed), "deformed", deformed, "True or False")
-    drawing = Drawing(solution, [row], 1.0 if deformed else 0.0, scene_unit)
-    times = headings(solution, solution.t_level[[row]])
-    words = words_over(
-        drawing, title, [] if solution.stats.static and times[0][-2:] == " 1" else times
-    )
-    curves = _curves(drawing, row, names)
+    drawing = Drawing(shown, [row], float(deformed and not is_envelope), scene_unit)
+    times = headings(shown, shown.t_level[[row]])
+    if is_envelope:
+        times = [f"envelope of {len(cases)} solutions"]
+    elif shown.stats.static and times[0][-2:] == " 1":
+        times = []
+    words = words_over(drawing, title, times)
+    curves = _curves(drawing, cases, names, is_envelope)
     layout = _layout(drawing, curves, bool(words))
     figure = Picture(tuple(layout.whole / 72), facecolor=colours.paper)
     labels = Labels(figure, colours)
@@ -135,7 +142,7 @@ def diagrams(
         left, low = layout.middle - half
         right, top = layout.middle + half
         ax.set(xlim=(left, right), ylim=(low, top))
-        panel = _Panel(ax, colours, drawing, row, labels, layout.tallest)
+        panel = _Panel(ax, colours, drawing, len(cases), labels, layout.tallest)
         described = panel.draw(name, curves[name])
         if layout.is_wide:
             beside: Look = {"va": "center", "ha": "center", "fontsize": 8, "color": colours.ink}
@@ -148,6 +155,17 @@ def diagrams(
         figure.suptitle(words, y=1 - 3 / layout.whole[1], **look)
     labels.write()
     return written(figure, path)
+
+
+def _cases_of(solution: Any, row: int | None) -> _Cases:
+    """A solution with its row, or several with all of theirs."""
+    if isinstance(solution, list | tuple):
+        ok = row is None and len(solution) > 0
+        require(ok, "row", row, "left out: an envelope is over all rows of one or more solutions")
+        return [(case, [*range(len(case.t))]) for case in solution if checked_rows(case)]
+    if row is None and isinstance(solution, Solution):
+        row = len(solution.t) - 1
+    return [(solution, checked_rows(solution, rows=[row]))]
 
 
 class _Layout(NamedTuple):
@@ -172,9 +190,15 @@ class _Curve(NamedTuple):
     points: np.ndarray
     sides: np.ndarray
     values: np.ndarray
+    #: Number (n,) of the solution that gives each value.
+    givers: np.ndarray
 
 
-def _layout(drawing: Drawing, curves: dict[str, dict[str, _Curve]], has_title: bool) -> _Layout:
+# Curves by the names of the members; of an envelope the largest values and the least ones.
+_Curves = list[dict[str, _Curve]]
+
+
+def _layout(drawing: Drawing, curves: dict[str, _Curves], has_title: bool) -> _Layout:
     """Panels in one row, or one below the other if the members are wide."""
     count, over = len(curves), _TITLE * has_title
     low, high = np.array([drawing.points.min(axis=0), drawing.points.max(axis=0)])
@@ -188,9 +212,8 @@ def _layout(drawing: Drawing, curves: dict[str, dict[str, _Curve]], has_title: b
         tallest = min(tallest, _ORDINATE * (high - low)[0] / (width - name - 2 * _ROOM))
     for some in curves.values():
         scale = tallest / (_largest(some) or 1.0)
-        tips = np.concatenate(
-            [c.points + scale * c.values[:, None] * c.sides for c in some.values()]
-        )
+        every = (curve for known in some for curve in known.values())
+        tips = np.concatenate([c.points + scale * c.values[:, None] * c.sides for c in every])
         low, high = np.minimum(low, tips.min(axis=0)), np.maximum(high, tips.max(axis=0))
     extent, space = high - low, (72 * _TALL - over) / rows - title
     point = max(extent / np.array([width - name - 2 * _ROOM, space - 2 * _ROOM]))
@@ -205,30 +228,38 @@ def _layout(drawing: Drawing, curves: dict[str, dict[str, _Curve]], has_title: b
     return _Layout(is_wide, whole, panel, corners, middle, point, tallest)
 
 
-def _largest(curves: dict[str, _Curve]) -> float:
+def _largest(curves: _Curves) -> float:
     """Largest size of all values."""
-    return max(float(abs(curve.values).max()) for curve in curves.values())
+    return max(float(abs(curve.values).max()) for known in curves for curve in known.values())
 
 
-def _curves(drawing: Drawing, row: int, names: list[str]) -> dict[str, dict[str, _Curve]]:
+def _curves(
+    drawing: Drawing, cases: _Cases, names: list[str], is_envelope: bool
+) -> dict[str, _Curves]:
     """Values along each member by quantities: fine where they are written or jump inside."""
-    beams = drawing.solution.beams
+    beams, (row,) = drawing.solution.beams, drawing.rows
     fractions = np.linspace(0, 1, _PIECES + 1)
-    values = along_all(drawing.solution, names, [row], fractions)
+    values = [along_all(case, names, rows, fractions) for case, rows in cases]
+    alike = len({part[names[0]].shape[1:] for part in values}) == 1
+    require(alike, "solution", cases, "solutions of scenes with equal members")
+    numbers = np.repeat(np.arange(len(cases)), [len(rows) for _, rows in cases])
     points = drawing.along_elements(row, _PIECES)
     left = left_of(np.gradient(points, axis=1))
     left /= np.linalg.norm(left, axis=-1, keepdims=True)
     ends = np.cumsum([beam.elements for beam in beams.values()]).tolist()
     places = (load.target for load in drawing.parts(row).loads)
     jumping = {place.beam.name for place in places if isinstance(place, BeamPlace)} & {*beams}
-    curves: dict[str, dict[str, _Curve]] = {}
-    for name in names:
-        known = curves.setdefault(name, {})
+    picks = (np.argmax, np.argmin) if is_envelope else (np.argmax,)
+    curves: dict[str, _Curves] = {}
+    for name, pick in itertools.product(names, picks):
+        known = dict[str, _Curve]()
+        curves.setdefault(name, []).append(known)
+        picked, givers = _picked([part[name] for part in values], numbers, pick)
         for (beam_name, beam), end in zip(beams.items(), ends, strict=True):
             own = slice(end - beam.elements, end)
             s = arc_lengths(beam, fractions).ravel() if len(beams) <= _NAMED else np.empty(0)
             side = -left[own] if name == "M" else left[own]
-            arrays = points[own], side, values[name][0, own]
+            arrays = points[own], side, picked[own], givers[own]
             known[beam_name] = _Curve(s, *(a.reshape(-1, *a.shape[2:]) for a in arrays))
         fine = set(beams)
         if len(beams) > _NAMED:
@@ -237,37 +268,56 @@ def _curves(drawing: Drawing, row: int, names: list[str]) -> dict[str, dict[str,
         for beam_name in fine:
             beam = beams[beam_name]
             curve = known[beam_name]._replace(s=arc_lengths(beam, fractions).ravel())
-            known[beam_name] = _refined(drawing.solution, row, beam, curve, name)
+            known[beam_name] = _refined(cases, numbers, beam, curve, name, pick)
     return curves
 
 
-def _refined(solution: Solution, row: int, beam: Beam, curve: _Curve, name: str) -> _Curve:
+def _picked(
+    parts: list[np.ndarray], numbers: np.ndarray, pick: Callable
+) -> tuple[np.ndarray, np.ndarray]:
+    """The value among all rows of all cases at each place, and the number of its case."""
+    rows = np.concatenate(parts)
+    chosen = pick(rows, axis=0)
+    return np.take_along_axis(rows, chosen[None], axis=0)[0], numbers[chosen]
+
+
+def _refined(
+    cases: _Cases, numbers: np.ndarray, beam: Beam, curve: _Curve, name: str, pick: Callable
+) -> _Curve:
     """Values at many places, and on both sides of each."""
     try:
-        resultants = in_rows(solution.resultants(beam.name), [row])
+        resultants = [in_rows(case.resultants(beam.name), rows) for case, rows in cases]
     except ValueError:  # their balance is not known
         return curve
-    balance, parts = resultants.balanced(), np.arange(_FINE) / _FINE
-    places = balance.s[:-1, None] + np.diff(balance.s)[:, None] * parts
-    s = np.unique(np.concatenate([places.ravel(), balance.s[-1:], balance.places]))
-    both = [getattr(resultants.at(s, side), name)[0] for side in ("before", "after")]
-    s, values = np.repeat(s, 2), np.stack(both, axis=1).ravel()
+    balances, parts = [r.balanced() for r in resultants], np.arange(_FINE) / _FINE
+    ends = balances[0].s
+    places = ends[:-1, None] + np.diff(ends)[:, None] * parts
+    jumps = [balance.places for balance in balances]
+    s = np.unique(np.concatenate([places.ravel(), ends[-1:], *jumps]))
+    both = [
+        _picked([getattr(r.at(s, side), name) for r in resultants], numbers, pick)
+        for side in ("before", "after")
+    ]
+    values, givers = (np.stack(sides, axis=1).ravel() for sides in zip(*both, strict=True))
+    s = np.repeat(s, 2)
     points, sides = (interpolated(s, curve.s, x) for x in (curve.points, curve.sides))
-    return _Curve(s, points, sides / np.linalg.norm(sides, axis=1, keepdims=True), values)
+    sides = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+    return _Curve(s, points, sides, values, givers)
 
 
 class _Panel:
     """A panel with one quantity along all members."""
 
     def __init__(
-        self, ax, theme: Theme, drawing: Drawing, row: int, labels: Labels, tallest: float
+        self, ax, theme: Theme, drawing: Drawing, cases: int, labels: Labels, tallest: float
     ):
-        self._ax, self._theme, self._drawing, self._row = ax, theme, drawing, row
+        self._ax, self._theme, self._drawing, self._cases = ax, theme, drawing, cases
+        (self._row,) = drawing.rows
         self._labels, self._tallest = labels, tallest
         point = Pen(ax, theme).point
         self._thin = min(1.0, spacing(drawing) / point / _DENSE)
 
-    def draw(self, name: str, curves: dict[str, _Curve]) -> str:
+    def draw(self, name: str, curves: _Curves) -> str:
         """Draw a quantity; its words, with the unit of the numbers."""
         drawing, theme, row = self._drawing, self._theme, self._row
         parts = drawing.parts(row)
@@ -280,15 +330,17 @@ class _Panel:
         )
         scale = self._tallest / (largest or 1.0)
         self._draw_areas(curves, scale)
+        is_envelope = len(curves) > 1
         symbols = _SYMBOLS * self._thin
         top, pale = Pen(self._ax, theme, symbols), Pen(self._ax, theme, symbols, 0.45)
-        for curve in curves.values():
+        for curve in (curve for known in curves for curve in known.values()):
             tips = curve.points + scale * curve.values[:, None] * curve.sides
             outline = np.concatenate([curve.points[:1], tips, curve.points[-1:]])
             top.line(outline, mixed(theme.ink, theme.paper, 0.25), 0.9 * self._thin, 2)
             top.line(curve.points, theme.ink, 2.2 * self._thin, 3)
         draw_moving(pale, drawing, row)
-        draw_between(top if name == "N" else pale, drawing, parts, row)
+        shows_pulls = name == "N" and not is_envelope
+        draw_between(top if shows_pulls else pale, drawing, parts, row)
         marks = marks_of(drawing, parts)
         for kind in ("hinge", "slide"):
             if kind in marks:
@@ -297,18 +349,19 @@ class _Panel:
             draw_support(top, drawing.positions(number, row), support)
         if largest > 0:
             self._write(top, curves, scale, largest, factor, set(supports))
-        if name == "N":
+        if shows_pulls:
             self._write_pulls(parts, factor)
         pale.finish()
         top.finish()
         return words
 
-    def _draw_areas(self, curves: dict[str, _Curve], scale: float) -> None:
+    def _draw_areas(self, curves: _Curves, scale: float) -> None:
         """Fill the areas between the axes and the values, those below zero with strokes."""
         theme = self._theme
-        for sign, face, hatch in (1, theme.plus, None), (-1, theme.minus, "//////"):
+        looks = (1, theme.plus, None), (-1, theme.minus, "//////")
+        for known, (sign, face, hatch) in zip((curves[0], curves[-1]), looks, strict=True):
             outlines, codes = [], []
-            for curve in curves.values():
+            for curve in known.values():
                 part = np.maximum(sign * curve.values, 0.0)
                 if part.any():
                     tips = curve.points + sign * scale * part[:, None] * curve.sides
@@ -328,33 +381,36 @@ class _Panel:
     # -- Numbers ----------------------------------------------------------------------------------
 
     def _write(
-        self, pen: Pen, curves: dict[str, _Curve], scale: float, largest: float, factor: float,
+        self, pen: Pen, curves: _Curves, scale: float, largest: float, factor: float,
         supports: set[int],
     ) -> None:  # fmt: skip
         """Write values beside their tips, the largest first."""
         picks = [
-            (name, i) for name in curves for i in self._picks(name, curves[name], largest, supports)
+            (curve, i)
+            for known in curves
+            for name, curve in known.items()
+            for i in self._picks(name, curve, largest, supports)
         ]
-        if len(curves) > _NAMED and picks:
-            value_of = lambda pick: curves[pick[0]].values[pick[1]]  # noqa: E731
-            picks = list(dict.fromkeys([max(picks, key=value_of), min(picks, key=value_of)]))
-        known: list[tuple[str, float, np.ndarray]] = []
-        for name, i in picks:
-            curve = curves[name]
+        if len(curves[0]) > _NAMED and picks:
+            value_of = lambda pick: pick[0].values[pick[1]]  # noqa: E731
+            highest, lowest = max(picks, key=value_of), min(picks, key=value_of)
+            picks = [highest] if highest is lowest else [highest, lowest]
+        written_at: list[tuple[float, np.ndarray]] = []
+        for curve, i in picks:
             value, foot = float(curve.values[i]), curve.points[i]
-            # Members at a rigid corner have the same moment, and both sides of a support.
+            # Members at a rigid corner have the same moment.
             if any(
-                abs(abs(value) - abs(other)) < _SAME * largest
-                and (member != name or value * other > 0)
+                abs(abs(other) - abs(value)) < _SAME * largest
                 and np.hypot(*(place - foot)) < _CORNER * pen.point
-                for member, other, place in known
+                for other, place in written_at
             ):
                 continue
-            known.append((name, value, foot))
+            written_at.append((value, foot))
             outwards = np.sign(value) * curve.sides[i]
             tip = foot + scale * abs(value) * outwards
             pen.ring(tip, 1.8 * self._thin, self._theme.ink, width=0.0, z=4)
-            self._labels.add(self._ax, _number(value / factor), tip, outwards)
+            giver = f" ({curve.givers[i]})" if self._cases > 1 else ""
+            self._labels.add(self._ax, _number(value / factor) + giver, tip, outwards)
 
     def _picks(self, name: str, curve: _Curve, largest: float, supports: set[int]) -> Iterable[int]:
         """Indices of the values of a member to write, the largest first."""

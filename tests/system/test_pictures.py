@@ -508,7 +508,7 @@ def test_diagrams_of_several_cases_have_their_envelope_and_who_gives_it():
         cases.append(fb.static(scene, linear=True))
     figure = plot.diagrams(cases, None, quantities=["M"])
     texts = [text.get_text() for text in figure.axes[0].texts]
-    assert texts == ["3.75 (0)", "-8 (1)"]
+    assert texts == ["3.75 (0)", "\N{MINUS SIGN}8 (1)"]
     assert "envelope of 2 solutions" in figure.get_suptitle()
     assert_refused("an envelope is over all rows", plot.diagrams, cases, None, 1)
     assert_refused("an envelope is over all rows", plot.diagrams, [], None)
