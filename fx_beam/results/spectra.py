@@ -11,6 +11,9 @@ import numpy as np
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError, real_array, require
 
+# Ordinates of a plateau differ by less, relative to the largest.
+_EQUAL = 1e-6
+
 
 @dataclass(frozen=True, repr=False)
 class SpectrumResponse:
@@ -96,7 +99,7 @@ class Spectrum:
         Beyond the peak of the spectrum, at shorter periods, the ratio of the ground's acceleration
         to that of the mode (Lindley and Yow 1980).
         """
-        peak = self._periods[self._values.argmax()]
+        peak = self._periods[(self._values >= (1 - _EQUAL) * self._values.max()).argmax()]
         return np.where(periods < peak, np.minimum(self.ground / self.at(periods), 1.0), 0.0)
 
 

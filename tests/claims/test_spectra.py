@@ -186,6 +186,17 @@ def test_spectra_of_records_give_the_largest_responses_of_their_histories(f, cou
     assert np.mean(ratios, axis=0) == pytest.approx(1.0, abs=scatter)
 
 
+def test_round_off_on_a_plateau_does_not_matter():
+    scene, outputs = storeys()
+    modes = fb.modes(scene, n=2)  # of 1.96 and 0.70 s
+    values = []
+    for more in 0.0, 1e-12:
+        spectrum = [0.0, 0.1, 1.0, 2.0], [1.0, 3.0, 3.0 + more, 0.5]
+        values.append(modes.spectrum(spectrum, (1, 0), outputs=outputs))
+    assert (values[1].rigid == values[0].rigid).all()
+    assert values[1].values == pytest.approx(values[0].values, rel=1e-9)
+
+
 def test_modes_without_most_of_the_mass_are_told(caplog):
     scene, _, outputs = mast(1e3)
     shaken = fb.modes(scene, n=1).spectrum(TABLE, (1, 0), outputs=outputs)
