@@ -5,6 +5,7 @@ Numbers of nodes and joints stay: rows of solutions belong to them. Nodes of no 
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -26,10 +27,18 @@ _REMOVABLE = {*_WITH_ENDS, "beams", "bodies", "masses", "dampings"} - {"velociti
 
 def own_joint(scene, joint: Joint) -> Joint | None:
     """The joint of a scene with the number and nodes of `joint`, which may be locked by now."""
-    known = joints_by_number(scene).get(joint.number)
+    place = place_of_joint(scene, joint.number)
     key = joint.kind, joint.a, joint.b
-    is_same = known is not None and (known.kind, known.a, known.b) == key
-    return known if is_same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
+    if place == len(scene.joints) or any(n.scene not in (scene, None) for n in (joint.a, joint.b)):
+        return None
+    known: Joint = scene.joints[place]
+    is_same = known.number == joint.number and (known.kind, known.a, known.b) == key
+    return known if is_same else None
+
+
+def place_of_joint(scene, number: int) -> int:
+    """Place in the list of joints, which is in the order of their numbers."""
+    return bisect.bisect_left(scene.joints, number, key=lambda joint: joint.number)
 
 
 def joint_of(scene, joint: object, name: str) -> Joint:
@@ -45,32 +54,43 @@ def position_in(parts: Sequence, part: object, name: str, kind: str) -> int:
     for i, other in enumerate(parts):
         if other is part:
             return i
-    raise SceneError(
+    raise _unknown(part, name, kind)
+
+
+def _unknown(part: object, name: str, kind: str) -> SceneError:
+    return SceneError(
         f"{name}: the scene does not have {shown(part)}. Give {kind} that a method such as "
         "add_force of this scene returned, and that was not changed or removed since"
     )
 
 
-def remove_part(scene, part: object) -> None:
-    """Take a part away, with what goes with it; SceneError if the scene does not have it."""
-    if isinstance(part, Joint):
-        part = own_joint(scene, part) or part
-    lists = (getattr(scene, name) for name in _REMOVABLE)
-    parts: list = next((items for items in lists if any(part is other for other in items)), [])
-    del parts[position_in(parts, part, "remove", "a part")]
-    _forget(scene, part)
+def remove_parts(scene, parts: Sequence[object]) -> None:
+    """Take parts away, with what goes with them; SceneError if the scene does not have one."""
+    parts = [isinstance(part, Joint) and own_joint(scene, part) or part for part in parts]
+    lists = {name: getattr(scene, name) for name in _REMOVABLE}
+    known, gone = {id(part) for items in lists.values() for part in items}, set[int]()
+    for part in parts:
+        if id(part) not in known - gone:
+            raise _unknown(part, "remove", "a part")
+        gone.add(id(part))
+    for items in lists.values():
+        items[:] = [part for part in items if id(part) not in gone]
+    for part in parts:
+        _forget(scene, part)
     _remove_gears(scene)
-    if isinstance(part, Beam):
-        _remove_what_is_on(scene, part)
-        _remove_nodes(scene, (*part.nodes, *part.carriers))
-    elif isinstance(part, Body):  # nodes of beams that followed it are free
-        points = {node.number for node in part.points.values()}
-        scene.joints[:] = [
-            joint
-            for joint in scene.joints
-            if not (joint.is_rigid and joint.a is part.centre and joint.b.number in points)
-        ]
-        _remove_nodes(scene, part.nodes)
+    beams = [part for part in parts if isinstance(part, Beam)]
+    bodies = [part for part in parts if isinstance(part, Body)]
+    if beams:
+        _remove_what_is_on(scene, beams)
+    # Nodes of beams that followed a body are free.
+    led = {(body.centre.number, node.number) for body in bodies for node in body.points.values()}
+    scene.joints[:] = [
+        joint
+        for joint in scene.joints
+        if not (joint.is_rigid and (joint.a.number, joint.b.number) in led)
+    ]
+    nodes = [node for beam in beams for node in (*beam.nodes, *beam.carriers)]
+    _remove_nodes(scene, [*nodes, *(node for body in bodies for node in body.nodes)])
 
 
 def _remove_gears(scene) -> None:
@@ -113,31 +133,34 @@ def unlocked(joint: Joint) -> Joint:
 def _remove_nodes(scene, nodes: Iterable[Node]) -> None:
     """Take all away that is on nodes which belong to no member, and hold them."""
     used = {node.number for member in (*scene.beams, *scene.bodies) for node in member.nodes}
-    used |= {node.number for beam in scene.beams for node in beam.carriers}
-    for node in nodes:
-        if node.number not in used and node.number not in scene.gone:
-            _remove_what_is_on(scene, node)
-            scene.gone.add(node.number)
-            for i in range(len(COMPONENTS)):
-                scene.prescribed.pop((node.number, i), None)
-                scene.fixed.add((node.number, i))
+    used |= {node.number for beam in scene.beams for node in beam.carriers} | scene.gone
+    free = list({node.number: node for node in nodes if node.number not in used}.values())
+    if free:
+        _remove_what_is_on(scene, free)
+    for node in free:
+        scene.gone.add(node.number)
+        for i in range(len(COMPONENTS)):
+            scene.prescribed.pop((node.number, i), None)
+            scene.fixed.add((node.number, i))
 
 
-def _remove_what_is_on(scene, target: Beam | Node) -> None:
-    """Take loads, masses, joints, contacts and more away that act on a beam or on a node."""
+def _remove_what_is_on(scene, targets: Sequence[Beam | Node]) -> None:
+    """Take loads, masses, joints, contacts and more away that act on beams or on nodes."""
+    ids = {*map(id, targets)}
 
-    def is_on_it(part) -> bool:
+    def is_on_them(part) -> bool:
         shape = getattr(part, "shape", None)
         ends = [getattr(part, name, None) for name in ("target", "beam", "a", "b")]
         ends += part.points if isinstance(part, ForceBetween) else ()
         ends += part.nodes if name == "gears" else ()
         ends.append(getattr(getattr(part, "target", None), "beam", None))  # of a place
-        return any(end is target for end in (*ends, shape, getattr(shape, "carrier", None)))
+        return any(id(end) in ids for end in (*ends, shape, getattr(shape, "carrier", None)))
 
     for name in _WITH_ENDS:
         parts = getattr(scene, name)
-        for part in filter(is_on_it, parts):
+        on_them = {id(part): part for part in parts if is_on_them(part)}
+        for part in on_them.values():
             _forget(scene, part)
-        parts[:] = [part for part in parts if not is_on_it(part)]
-    if isinstance(target, Node):
-        scene.masses[:] = [mass for mass in scene.masses if mass.node != target.number]
+        parts[:] = [part for part in parts if id(part) not in on_them]
+    numbers = {target.number for target in targets if isinstance(target, Node)}
+    scene.masses[:] = [mass for mass in scene.masses if mass.node not in numbers]

@@ -35,7 +35,7 @@ from .joints import GROUND, Joint, Revolute, Rigid, coupling_of, moved_by, place
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .parameters import Parameters, is_parameter
-from .removal import joint_of, locked, position_in, remove_part, unlocked
+from .removal import joint_of, locked, place_of_joint, position_in, remove_parts, unlocked
 from .section import Section, functions_of_section
 from .sliders import SlidingJoint
 
@@ -1522,9 +1522,8 @@ class Scene:
         >>> bool(abs(unloaded.displacement(beam.end)[-1]).max() < 1e-9)
         True
         """
-        for part in parts:
-            remove_part(self, part)
-            self.changes += 2  # also if something else is added
+        remove_parts(self, parts)
+        self.changes += 2 * len(parts)  # also if something else is added
 
     def free(self, node: Node, *components: str) -> None:
         """Take supports and prescribed motions away from a node.
@@ -1620,7 +1619,7 @@ class Scene:
     def _replaced(self, joint: Joint, name: str, change: Callable[[Joint], Joint]) -> Joint:
         """A changed joint in the place of the one before."""
         old = joint_of(self, joint, name)
-        index = self.joints.index(old)
+        index = place_of_joint(self, old.number)
         self.joints[index] = change(old)
         self._couplings[coupling_of(old)] = self.joints[index]
         self.changes += 1
