@@ -154,8 +154,9 @@ def drag_data(mesh: Mesh, scene: Scene) -> dict[str, MaybeDual]:
             value = getattr(drag, name)
             if value.any():
                 key = f"drag {name}" if len(value) == 1 else f"drag {name} along and across"
-                beam_rows = rows.setdefault(key, [np.zeros(len(value)) for _ in scene.beams])
-                i = scene.beams.index(beam)
+                if (beam_rows := rows.get(key)) is None:
+                    beam_rows = rows[key] = [np.zeros(len(value)) for _ in scene.beams]
+                i = scene.beams.number_of(beam.name)
                 beam_rows[i] = beam_rows[i] + dual_array(value)
     cell_rows = {name: dual_array(beam_rows)[mesh.beam_of_cell] for name, beam_rows in rows.items()}
     return {
@@ -204,7 +205,7 @@ class BeamData:
             indicator = named[f"indicator {i}"] = Field(mesh.space(1))
             indicator.array[:] = work.beam is None
             if work.beam is not None:
-                cells = mesh.cells[scene.beams.index(work.beam)]
+                cells = mesh.cells[scene.beams.number_of(work.beam.name)]
                 indicator.array[cells[slice(*work.elements)]] = True
         #: Fields and arrays by name.
         self.named = named

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import itertools
 import math
@@ -15,6 +16,7 @@ from fx_beam.dual import Dual, MaybeDual, dual_array, floats
 from fx_beam.errors import all_of, any_of, warn_once
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, BeamPlace, Node, gauss_rule, lagrange_and_slopes
+from fx_beam.scene.body import Members
 from fx_beam.scene.functions import (
     Accelerogram,
     ArrayCalls,
@@ -155,7 +157,7 @@ class SumOfLoads:
 class LoadedBeams(NamedTuple):
     """Beams of a scene and what acts on them, as they are when its numbers are set."""
 
-    beams: tuple[Beam, ...]
+    beams: Members[Beam]
     loads: tuple[Load, ...]
     gravity: np.ndarray | None
     array_calls: ArrayCalls | None
@@ -163,7 +165,7 @@ class LoadedBeams(NamedTuple):
     @classmethod
     def of(cls, scene: Scene) -> LoadedBeams:
         """Beams and loads that a scene has now."""
-        return cls(tuple(scene.beams), tuple(scene.loads), scene.gravity, scene.array_calls)
+        return cls(copy.copy(scene.beams), tuple(scene.loads), scene.gravity, scene.array_calls)
 
 
 def dead_loads(
@@ -208,7 +210,7 @@ def _unit_load(scene: Scene | LoadedBeams, mesh: Mesh, X: np.ndarray, load: Load
     from .nearest_values import NearestValues, ValuesOverTime
 
     beam, rule = target, target.degree + 1
-    unit = line_forces(mesh, X, scene.beams.index(beam), rule, load.projected)
+    unit = line_forces(mesh, X, scene.beams.number_of(beam.name), rule, load.projected)
     nearest = NearestValues(beam.s, rule)
     if isinstance(function, SignalAlong):
         function = ValuesOverTime(function, nearest)
@@ -232,7 +234,7 @@ def _unit_load(scene: Scene | LoadedBeams, mesh: Mesh, X: np.ndarray, load: Load
 def _at_place(scene: Scene | LoadedBeams, mesh: Mesh, load: Load, place: BeamPlace) -> UnitLoad:
     """At the nodes of an element, by their polynomials there."""
     _, shares = place.shares
-    nodes = mesh.elements[mesh.cells[scene.beams.index(place.beam)][place.element[0]]]
+    nodes = mesh.elements[mesh.cells[scene.beams.number_of(place.beam.name)][place.element[0]]]
     columns = [0, 1] if load.kind == "force" else [2]
     rows = mesh.dofs[nodes][:, columns].T.ravel()
     values, counts = np.tile(shares, len(columns)), np.full(len(columns), len(shares))
@@ -252,7 +254,7 @@ def _strain(
 ) -> UnitLoad:
     from .nearest_values import NearestValues, ValuesOverTime
 
-    cells = mesh.cells[scene.beams.index(beam)]
+    cells = mesh.cells[scene.beams.number_of(beam.name)]
     points = degree * cells[:, None] + np.arange(degree)
     rows = 3 * points.ravel() + [*NAMES].index(name)
     nearest = NearestValues(beam.s / beam.length, degree)

@@ -132,7 +132,7 @@ class Mesh:
     def nodes_of(self, scene: Scene, target) -> np.ndarray:
         """Nodes of a beam, those inside its elements included, or the node itself."""
         if isinstance(target, Beam):
-            return self.nodes[scene.beams.index(target)]
+            return self.nodes[scene.beams.number_of(target.name)]
         return np.array([target.number])
 
 

@@ -144,9 +144,9 @@ class Grid:
             return dx
         beams = [place] if isinstance(place, Beam) else [*place]
         for beam in beams:
-            if beam not in self.scene.beams:
+            if not self.scene.beams.has(beam):
                 raise SceneError(f"fenicsx: measure: {beam} is no beam of this scene")
-        return dx(tuple(self.scene.beams.index(beam) for beam in beams))
+        return dx(tuple(self.scene.beams.number_of(beam.name) for beam in beams))
 
     def of_materials(self, form: ufl.Form) -> ufl.Form:
         """A form over materials as one over beams, which adds up with those of a user."""

@@ -30,7 +30,7 @@ class RowBalance:
     def value_of(self, output: Output) -> Callable[[], float]:
         """A function that reads an output at a place."""
         place: Any = output.of
-        number = [beam.name for beam in self._model.scene.beams].index(place.beam.name)
+        number = self._model.scene.beams.number_of(place.beam.name)
         cells = self._model.mesh.cells[number]
 
         def read() -> float:

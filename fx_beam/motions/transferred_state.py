@@ -202,11 +202,13 @@ class Transfer:
         """How far motors have moved; new ones are where their joints are."""
         motors = self._model.data.motors
         moved = np.zeros(len(motors))
-        moved_before = [(key.number, name) for key in self._had for name in key.motors]
+        before = [(key.number, name) for key in self._had for name in key.motors]
+        places = {motor: i for i, motor in enumerate(before)}
         for i, (joint, name) in enumerate(motors):
             old, number = self._joints.get(joint.number), joint.number
-            if old is not None and (old.number, name) in moved_before:
-                moved[i] = self._end.motors[moved_before.index((old.number, name))]
+            place = None if old is None else places.get((old.number, name))
+            if place is not None:
+                moved[i] = self._end.motors[place]
             elif name == "slide":
                 moved[i] = slides[number] - joint.start()[0]
             else:

@@ -305,7 +305,7 @@ def checked_degree(degree: int, beams: Sequence[Beam], name: str) -> int:
 def numbers_along(beam: Beam) -> np.ndarray:
     """Numbers (n,) of all nodes of a beam in order; inner ones are behind all of the scene."""
     scene: Any = beam.nodes[0].scene
-    before, inner = scene.beams[: scene.beams.index(beam)], beam.degree - 1
+    before, inner = scene.beams[: scene.beams.number_of(beam.name)], beam.degree - 1
     first = len(scene.nodes) + sum(other.elements for other in before) * inner
     numbers = np.empty(beam.elements * beam.degree + 1, dtype=int)
     numbers[:: beam.degree] = [node.number for node in beam.nodes]

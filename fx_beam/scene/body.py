@@ -70,14 +70,31 @@ class Members(list[T]):
         self.kind = kind
         #: Names that were ever given.
         self.names: set[str] = set()
+        # Numbers of members by name, which may have changed since.
+        self._numbers: dict[str, int] = {}
 
     def __getitem__(self, key):
         if not isinstance(key, str):
             return super().__getitem__(key)
-        members = {member.name: member for member in self}
-        if key not in members:
-            raise SceneError(f"the scene has no {key!r}; it has {list(members)}")
-        return members[key]
+        return self[self.number_of(key)]
+
+    def number_of(self, name: str) -> int:
+        """Number of the member with a name; SceneError for none."""
+        if (number := self._find(name)) is None:
+            raise SceneError(f"the scene has no {name!r}; it has {[*self._numbers]}")
+        return number
+
+    def has(self, member: T) -> bool:
+        """Whether a member is one of these, and not another one of its name."""
+        number = self._find(member.name)
+        return number is not None and self[number] is member
+
+    def _find(self, name: str) -> int | None:
+        number = self._numbers.get(name)
+        if number is None or number >= len(self) or self[number].name != name:
+            self._numbers = {member.name: i for i, member in enumerate(self)}
+            number = self._numbers.get(name)
+        return number
 
     def new_name(self, name: str | None) -> str:
         """The name of a new member, by default a number; SceneError for one that is in use."""

@@ -293,7 +293,7 @@ def check_beam(scene, beam, name: str) -> None:
     """Refuse a value that is not a beam of the scene."""
     if not isinstance(beam, Beam):
         raise SceneError(f"{name}: {shown(beam)} is not a beam; take one that add_beam returned")
-    if beam not in scene.beams or beam.start.scene is not scene:
+    if not scene.beams.has(beam) or beam.start.scene is not scene:
         raise SceneError(f"{name}: {label(beam)} belongs to another scene; take a beam of this one")
 
 

@@ -341,7 +341,7 @@ def _place_in(scene: Scene, output: Output) -> str:
         return "" if place is scene else "of the scene of the motion"
     if isinstance(place, Beam | BeamPlace):
         beam = place if isinstance(place, Beam) else place.beam
-        return "" if any(beam is item for item in scene.beams) else "of a beam of this scene"
+        return "" if scene.beams.has(beam) else "of a beam of this scene"
     if isinstance(place, Joint):
         joint = own_joint(scene, place)
         other = "of a joint that add_joint of this scene returned"
