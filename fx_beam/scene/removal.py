@@ -16,7 +16,7 @@ from .beam import COMPONENTS, Beam, Node
 from .body import Body
 from .coordinate import Locked
 from .forces_between import ForceBetween
-from .joints import Joint, joints_by_number
+from .joints import Joint
 
 # Lists of parts, each with the node or beam on which it is, or with both ends.
 _WITH_ENDS = """loads natural_strains drags velocities virtual_works contacts joints
@@ -67,36 +67,41 @@ def _unknown(part: object, name: str, kind: str) -> SceneError:
 def remove_parts(scene, parts: Sequence[object]) -> None:
     """Take parts away, with what goes with them; SceneError if the scene does not have one."""
     parts = [isinstance(part, Joint) and own_joint(scene, part) or part for part in parts]
-    lists = {name: getattr(scene, name) for name in _REMOVABLE}
-    known, gone = {id(part) for items in lists.values() for part in items}, set[int]()
+    gone = {*map(id, parts)}
+    lists = [getattr(scene, name) for name in _REMOVABLE]
+    ids_in_lists = [gone.intersection(map(id, items)) for items in lists]
+    known = set[int]().union(*ids_in_lists)
     for part in parts:
-        if id(part) not in known - gone:
+        if id(part) not in known:
             raise _unknown(part, "remove", "a part")
-        gone.add(id(part))
-    for items in lists.values():
-        items[:] = [part for part in items if id(part) not in gone]
+    for items, ids in zip(lists, ids_in_lists, strict=True):
+        if ids:
+            items[:] = [part for part in items if id(part) not in ids]
     for part in parts:
         _forget(scene, part)
-    _remove_gears(scene)
+    if any(isinstance(part, Joint) for part in parts):
+        _remove_gears(scene)
     beams = [part for part in parts if isinstance(part, Beam)]
-    bodies = [part for part in parts if isinstance(part, Body)]
     if beams:
         _remove_what_is_on(scene, beams)
-    # Nodes of beams that followed a body are free.
-    led = {(body.centre.number, node.number) for body in bodies for node in body.points.values()}
-    scene.joints[:] = [
-        joint
-        for joint in scene.joints
-        if not (joint.is_rigid and (joint.a.number, joint.b.number) in led)
-    ]
+    bodies = [part for part in parts if isinstance(part, Body)]
+    if bodies:  # nodes of beams that followed them are free
+        led = {(body.centre.number, node.number) for body in bodies for node in body.nodes}
+        scene.joints[:] = [
+            joint
+            for joint in scene.joints
+            if not (joint.is_rigid and (joint.a.number, joint.b.number) in led)
+        ]
     nodes = [node for beam in beams for node in (*beam.nodes, *beam.carriers)]
-    _remove_nodes(scene, [*nodes, *(node for body in bodies for node in body.nodes)])
+    nodes += [node for body in bodies for node in body.nodes]
+    if nodes:
+        _remove_nodes(scene, nodes)
 
 
 def _remove_gears(scene) -> None:
     """Take gears away whose joints are gone."""
-    numbers = joints_by_number(scene)
-    scene.gears[:] = [g for g in scene.gears if {t.joint.number for t in g.terms} <= {*numbers}]
+    numbers = {joint.number for joint in scene.joints}
+    scene.gears[:] = [g for g in scene.gears if {t.joint.number for t in g.terms} <= numbers]
 
 
 def _forget(scene, part: object) -> None:
