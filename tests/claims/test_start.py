@@ -558,6 +558,26 @@ def test_what_jumps_rests_a_few_steps_later_by_newmarks_family(kind, scheme, at,
         assert work == pytest.approx(40.0 * 0.1**2 / 2, rel=0.2)  # of the spring alone
 
 
+@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT(-0.1), fb.GeneralizedAlpha(0.8)], ids=str)
+def test_newmarks_family_tells_of_driven_motions_that_jump_and_have_bodies_on_joints(
+    scheme, caplog
+):
+    def run(scheme, rate, jump):
+        scene = fb.Scene(gravity=(0, -9.81))
+        block = scene.add_body((0, 0), 1.0, 0.1).centre
+        bob = scene.add_body((0, -1), 1.0, 0.1, points={"P": (0, 0)})
+        scene.add_joint(fb.Revolute(block, bob["P"]))
+        scene.prescribe(block, x=lambda t: jump * (t > 0.1) + rate * np.sin(30 * t) ** 2)
+        scene.fix(block, "y", "rotation")
+        fb.simulate(scene, scheme, dt=2e-3, t_end=0.3)
+
+    run(scheme, 0.0, 0.1)
+    assert "jumps in the step to t = 0.102" in caplog.text
+    caplog.clear()
+    run(scheme, 0.1, 0.0), run(fb.EnergyMomentum(), 0.0, 0.1)
+    assert "jumps" not in caplog.text
+
+
 def test_what_hangs_on_a_support_that_starts_with_a_speed_has_the_rates_of_the_blow():
     """The projection by hand, with the consistent mass of elements of degree 1."""
     V, n, rhoA, length = 0.7, 3, 2.0, 1.5
