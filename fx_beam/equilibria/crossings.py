@@ -25,7 +25,7 @@ FAILURES = StepFailed, RuntimeError, ValueError
 # Work of the loads on a mode that is none, relative to its parts, and to the forces in members;
 # rounding errors, relative to stiffness times the size of the scene. The part of the loads by which
 # it is found.
-_OF_PARTS, _OF_FORCES, _ROUNDING, _PART_OF_LOADS = 1e-7, 1e-9, 2e-16, 0.1
+_OF_PARTS, _OF_FORCES, _ROUNDING, _PART_OF_LOADS = 1e-7, 1e-9, 2e-16, 0.5
 # Eigenvalue at the start of a step that vanishes, relative to that at its end.
 _VANISHES = 1e-4
 # Modes that one point has at most, as a rule.

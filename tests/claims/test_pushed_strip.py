@@ -61,6 +61,15 @@ def test_a_strip_that_settles_bows_to_the_side_of_its_load_and_says_so(turn, cap
     assert "follows no small part of its loads" in caplog.text
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_no_step_goes_on_straight_where_the_side_load_is_2e_7_of_eulers(turn):
+    """As it is at the buckling load. A straight row with two unstable modes came first."""
+    scene, bar = strip(1e7, 0.01, turn=turn)
+    path = fb.static(scene, load_steps=100, t=1.0)
+    assert middle(path, bar, turn) == pytest.approx(0.1401, abs=1e-4)
+    assert path.stable.all()
+
+
 def elastica(EA, side, push):
     """Middle and push of the strip, by Reissner's equations of its left half, by shooting."""
 
