@@ -791,7 +791,8 @@ class Scene:
             Spring on l, which pulls and pushes; with a `length` the stiffness of a rope that only
             pulls.
         damper : Damper, optional
-            Damper on the rate of l, also where `length` changes. In a rope that only pulls it acts
+            Damper on the rate of l, also where `length` changes; a drum with a motor as winch damps
+            only the rate at which the rope is stretched. In a rope that only pulls it acts
             while the rope is taut, and at most takes its tension away.
         friction : SmoothFriction, optional
             Friction on the rate of l, as a damper.

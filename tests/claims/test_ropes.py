@@ -221,6 +221,31 @@ def test_a_winch_that_pays_out_keeps_its_damped_rope_in_balance():
     assert np.diff(swing.energy.dissipated).min() >= 0.0
 
 
+def test_what_a_drum_winds_at_a_steady_speed_is_not_damped_and_what_a_length_loses_is():
+    """c v^2 is lost where the length of a damped rope changes by v, whose damper is on l."""
+    m, k, c, v, r = 2.0, 4e3, 50.0, 0.5, 0.1
+    taut, lost = 4.0 - m * G / k, []
+
+    def hauled(t):
+        return v * (t * t / 2 if t < 1 else t - 0.5)
+
+    for winch in ("drum", "length"):
+        scene, load = held_body((r, -4.0), m, 0.0, "x", "rotation", gravity=(0, -G))
+        laws = fb.Spring(k), fb.Damper(c)
+        if winch == "drum":
+            drum = scene.add_body((0, 0), 1.0, 0.1).centre
+            scene.add_joint(fb.Revolute(fb.GROUND, drum, motor=lambda t: -hauled(t) / r))
+            rope = scene.add_rope([fb.Pulley(drum, r, "left"), load], *laws, length=taut)
+        else:
+            rope = scene.add_rope([(r, 0), load], *laws, length=lambda t: taut - hauled(t))
+        lift = fb.simulate(scene, dt=2e-3, t_end=3.0)
+        assert lift.position(load)[-1, 1] == pytest.approx(-4.0 + hauled(3.0), abs=1e-2)
+        assert abs(lift.energy.balance_error).max() < 1e-10
+        lost.append(lift.energy.dissipated[-1] - lift.energy.dissipated[-501])
+        assert lift.joint(rope).force[-1] == pytest.approx(m * G, rel=1e-2)
+    assert lost == pytest.approx([0.0, c * v**2], abs=1e-4)
+
+
 def test_the_stop_of_a_damped_rope_has_no_loss_of_its_own():
     scene, ball = held_body((0, -0.3), 1.0, 0.0)
     stop = fb.Stop(None, 1.0, 1e3, restitution=0.5, speed=0.01)
