@@ -1678,7 +1678,7 @@ class Scene:
         >>> hinge = scene.add_joint(fb.Revolute(rods[0].start, rods[1].start))
         >>> scene.set_rate(hinge, 2.0)
         >>> motion = fb.simulate(scene, dt=1e-3, t_end=1e-3)
-        >>> float(motion.joint(hinge).spin[0].round(9)), motion.momentum[0].round(9) + 0.0
+        >>> float(motion.joint(hinge).spin[0].round(9)), motion.linear_momentum[0].round(9) + 0.0
         (2.0, array([0., 0.]))
         """
         own = joint_of(self, joint, "set_rate")
