@@ -1542,13 +1542,13 @@ class Scene:
             For a component that is not supported.
         """
         loads.check_node(self, node, "support")
-        supported = [*self.fixed, *self.prescribed]
-        names = [name for i, name in enumerate(COMPONENTS) if (node.number, i) in supported]
+        supports = self.fixed, self.prescribed
+        numbered = {name: (node.number, i) for i, name in enumerate(COMPONENTS)}
+        names = [name for name, key in numbered.items() if any(key in part for part in supports)]
         for name in components or names or ["a component"]:
             require(is_one_of(name, names), f"free {node}", name, f"one that is supported: {names}")
-            key = node.number, COMPONENTS.index(name)
-            self.fixed.discard(key)
-            self.prescribed.pop(key, None)
+            self.fixed.discard(numbered[name])
+            self.prescribed.pop(numbered[name], None)
             self.changes += 2
 
     def lock(self, joint: Joint, coordinate: str | None = None) -> Joint:
