@@ -1,15 +1,19 @@
-"""How cost grows with the number of things: set-up, a step, an equilibrium, modes, gradient, files.
+"""How the cost of each public call grows with the number of things in a scene.
 
-    .venv/bin/python benchmarks/growth.py [--quick] [kind ...]
+    .venv/bin/python benchmarks/growth.py [--quick] [--only COST ...] [kind ...]
 
-Each row is a scene with n things of one kind, in a process of its own, at sizes that differ by
-factors of 4. Beside each row is the exponent p of cost ~ n^p from the row above. Processor times in
-milliseconds; `--quick` counts memory only, at small sizes: the largest number of bytes in arrays of
-NumPy, which does not depend on the clock. A cost that another one repeats is left out ("-").
+A table for each kind of thing, a line for each call, a column for each number n of things, in a
+process of its own; numbers differ by factors of 4. Behind a cost is the exponent p of cost ~ n^p
+from the one before. Processor times in milliseconds; `--quick` counts memory only, at small sizes:
+the largest number of bytes in arrays of NumPy, which does not depend on the clock. What a scene
+refuses is nan. Exponents above 1.2 have their reason on docs/limits.md.
 """
 
 import argparse
+import copy
+import gc
 import math
+import pickle
 import subprocess
 import sys
 import tempfile
@@ -24,8 +28,8 @@ import fx_beam as fb
 
 SECTION = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
 DT, STEPS = 1e-3, 10
-#: Longest time of a cost [s], after which larger sizes are left out.
-LONGEST = 30.0
+#: What says that a scene cannot do something.
+REFUSED = ValueError, RuntimeError, IndexError, MemoryError
 
 
 # -- Scenes ----------------------------------------------------------------------------------------
@@ -73,7 +77,7 @@ def ladder(n):
     return scene, ends[-1].centre
 
 
-def lattice(n):
+def lattice(n, joints="rigid"):
     """A square of about n struts, which are rigidly joined."""
     side = max(2, round(math.sqrt(n / 2)))
     number = np.arange((side + 1) ** 2).reshape(side + 1, side + 1)
@@ -81,10 +85,18 @@ def lattice(n):
     pairs = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
     cells = np.concatenate([np.stack([a.ravel(), b.ravel()], 1) for a, b in pairs])
     scene = fb.Scene(gravity=(0, -9.81))
-    struts = scene.add_mesh(points, cells, SECTION)
+    struts = scene.add_mesh(points, cells, SECTION, joints=joints)
     for corner in (0, side):
         scene.clamp(struts.nodes[corner])
     return scene, struts.nodes[-1]
+
+
+def truss(n):
+    """A square of about n struts on hinges, which springs hold."""
+    scene, node = lattice(n, "pin")
+    for point in scene.nodes:
+        scene.add_spring(point, x=fb.Spring(1e3), y=fb.Spring(1e3), rotation=fb.Spring(1.0))
+    return scene, node
 
 
 def sliders(n):
@@ -159,7 +171,7 @@ def springs(n):
     return scene, last
 
 
-KINDS = {f.__name__: f for f in (elements, chain, ladder, lattice)}
+KINDS = {f.__name__: f for f in (elements, chain, ladder, lattice, truss)}
 KINDS |= {f.__name__: f for f in (sliders, contacts, members, motors, gears, springs)}
 SIZES = {name: (64, 256, 1024, 4096) for name in KINDS}
 SIZES |= {"sliders": (8, 32, 128, 512), "elements": (256, 1024, 4096, 16384)}
@@ -173,45 +185,147 @@ def moved(scene, steps=STEPS):
     return fb.simulate(scene, dt=DT, t_end=steps * DT)
 
 
-def gradient(make, n):
-    """A derivative by gravity of the end of a motion."""
+def gradient(make, n, numbers):
+    """A derivative of the end of a motion by some numbers: parts of the force on a node."""
 
     def build(x):
         scene, node = make(n)
-        scene.add_force(node, (0.0, x[0]))
+        for value in x:
+            scene.add_force(node, (0.0, value))
         return scene, {"y": fb.Output("position", node)}
 
     response = fb.Response(build, dt=DT, t_end=STEPS * DT)
-    t, y = response([1.0])
+    t, y = response(np.full(numbers, 1.0 / numbers))
     weights = np.zeros_like(y["y"])
     weights[-1, 1] = 1.0
     response.vjp({"y": weights})
 
 
-def files(solution):
-    with tempfile.TemporaryDirectory() as folder:
-        solution.save(Path(folder) / "motion.npz")
-        solution.to_paraview(Path(folder) / "motion.pvd")
+def loaded(make, n):
+    """A scene with a force on each node, and these forces."""
+    scene, _ = make(n)
+    return scene, [scene.add_force(node, (0.0, -1.0)) for node in scene.nodes]
+
+
+def without_forces(make, n):
+    scene, forces = loaded(make, n)
+    scene.remove(*forces)
+
+
+def with_other_forces(make, n):
+    scene, forces = loaded(make, n)
+    for force in forces:
+        scene.change(force, (0.0, -2.0))
+
+
+def without_half(make, n):
+    """Half of the beams and bodies go."""
+    scene, _ = make(n)
+    scene.remove(*scene.beams[::2], *scene.bodies[::2])
+
+
+def locked(make, n):
+    scene, _ = make(n)
+    for joint in [*scene.joints]:
+        with suppress(fb.SceneError):  # a motor drives it
+            scene.unlock(scene.lock(joint))
+
+
+def supported(make, n):
+    scene, _ = make(n)
+    free = [node for node in scene.nodes if (node.number, 0) not in scene.fixed]
+    for node in free:
+        scene.fix(node, "x")
+    for node in free:
+        scene.free(node, "x")
+
+
+def shaken(make, n):
+    scene, _ = make(n)
+    scene.shake(x=([0.0, 1.0], [1.0, 2.0]))
+    moved(scene, 1)
+
+
+def stepwise(scene):
+    motion = fb.Motion(scene, dt=DT)
+    for _ in range(STEPS):
+        motion.step()
+
+
+def outputs_of(scene):
+    outputs = {f"n{k}": fb.Output("position", node) for k, node in enumerate(scene.nodes)}
+    beams = {
+        f"b{k}": fb.Output("M", beam.at(0.5 * beam.length)) for k, beam in enumerate(scene.beams)
+    }
+    joints = {f"j{k}": fb.Output("force", joint) for k, joint in enumerate(scene.joints)}
+    return outputs | beams | joints
+
+
+def of_each_part(scene, solution):
+    for node in scene.nodes:
+        solution.position(node), solution.displacement(node), solution.velocity(node)
+        solution.reaction(node)
+    for part in [*scene.joints, *scene.forces_between, *scene.gears]:
+        solution.joint(part)
+    for contact in scene.contacts:
+        solution.contact(contact)
+
+
+def of_each_beam(scene, solution):
+    for beam in scene.beams:
+        solution.resultants(beam), solution.stress(beam), solution.shape(beam)
 
 
 def costs(make, n):
     """Functions by the names of the costs; each may be refused by a scene."""
-    scene, _ = make(n)
-    solutions, states = [], [None]
+    (scene, node), folder = make(n), tempfile.TemporaryDirectory()
+    place, plot, solutions, states = Path(folder.name), fb.plot, [], [None]
     yield "build", lambda: make(n)
+    yield "copy, pickle", lambda: pickle.loads(pickle.dumps(copy.deepcopy(scene)))
+    yield "repr", lambda: repr(scene)
+    yield "add and remove forces", lambda: without_forces(make, n)
+    yield "change forces", lambda: with_other_forces(make, n)
+    yield "remove half", lambda: without_half(make, n)
+    yield "lock, unlock", lambda: locked(make, n)
+    yield "fix, free", lambda: supported(make, n)
     yield "set-up", lambda: solutions.append(moved(scene, 1))
     yield "10 steps", lambda: solutions.append(moved(scene))
+    yield "10 steps of a Motion", lambda: stepwise(scene)
+    yield "shake", lambda: shaken(make, n)
     yield "static", lambda: states.append(fb.static(scene, load_steps=1))
+    yield "static, linear", lambda: fb.static(scene, linear=True)
+    yield "buckling", lambda: fb.buckling(scene, n=2)
     yield "modes", lambda: fb.modes(scene, states[-1], n=4)
-    yield "gradient", lambda: gradient(make, n)
-    yield "files", lambda: files(solutions[-1])
-    yield "picture", lambda: fb.plot.shapes(solutions[-1], rows=[0, -1 % len(solutions[-1].t)])
-
-
-NAMES = "build", "set-up", "10 steps", "static", "modes", "gradient", "files", "picture"
+    if len(scene.nodes) < 300:  # its matrices are full
+        yield "linearise", lambda: fb.linearise(scene, outputs={"y": fb.Output("position", node)})
+    yield (
+        "frequency response",
+        lambda: fb.frequency_response(scene, (node, (0, 1, 0)), node, [1.0, 2.0], states[-1]),
+    )
+    for numbers in (1, 10, 100):
+        yield f"gradient, {numbers}", lambda numbers=numbers: gradient(make, n, numbers)
+    yield "each part", lambda: of_each_part(scene, solutions[-1])
+    yield "each beam", lambda: of_each_beam(scene, solutions[-1])
+    yield "outputs", lambda: [solutions[-1].value(output) for output in outputs_of(scene).values()]
+    yield "table", lambda: fb.Solution.to_pandas(solutions[-1])
+    yield (
+        "table of outputs",
+        lambda: solutions[-1].to_csv(place / "m.csv", outputs=outputs_of(scene)),
+    )
+    yield "envelope", lambda: fb.envelope([solutions[-1]], fb.Output("M", scene.beams[0].at(0.0)))
+    yield "save", lambda: solutions[-1].save(place / "motion.npz")
+    yield "load", lambda: fb.load(place / "motion.npz")
+    yield "to_paraview", lambda: solutions[-1].to_paraview(place / "motion.pvd")
+    yield "scene drawn", lambda: plot.scene(scene)
+    yield "shapes", lambda: plot.shapes(solutions[-1], rows=[0, -1 % len(solutions[-1].t)])
+    yield "shapes, coloured", lambda: plot.shapes(solutions[-1], rows=[0], colour="M")
+    yield "diagrams", lambda: plot.diagrams(solutions[-1])
+    yield "interactive", lambda: plot.interactive(solutions[-1], place / "page.html")
+    yield "picture written", lambda: plot.shapes(solutions[-1], place / "a.png", rows=[0])
 
 
 def seconds(run):
+    gc.collect()
     begin = process_time()
     run()
     return process_time() - begin
@@ -227,21 +341,27 @@ def peak(run):
         tracemalloc.stop()
 
 
-def measure(kind, n, count):
+def measure(kind, n, count, only):
     """Costs of a scene by their names; nan for what the scene refuses."""
     make, values = KINDS[kind], {}
-    for _, run in costs(make, 4):  # loads and compiles
-        with suppress(ValueError, RuntimeError):
-            run()
+    for name, run in costs(make, 8):  # loads and compiles
+        if wanted(name, only):
+            with suppress(*REFUSED):
+                run()
     for name, run in costs(make, n):
+        if not wanted(name, only):
+            continue
         try:
             values[name] = count(run)
-        except (ValueError, RuntimeError) as error:
+        except REFUSED as error:
             print(f"# {kind} {n} {name}: {str(error)[:150]}", file=sys.stderr)
             values[name] = math.nan
-        if count is seconds and values[name] > LONGEST:
-            break
     return values
+
+
+def wanted(name, only):
+    """Whether a cost is measured: solutions are read by most others."""
+    return not only or name in only or name in ("10 steps", "save")
 
 
 def exponent(before, now, ratio):
@@ -249,9 +369,10 @@ def exponent(before, now, ratio):
     return math.log(now / before) / math.log(ratio) if before > 0 and now > 0 else math.nan
 
 
-def measured(kind, n, quick):
+def measured(kind, n, quick, only):
     """Measurement in a process of its own."""
-    command = [sys.executable, __file__, "--one", kind, str(n)] + ["--quick"] * quick
+    command = [sys.executable, __file__, "--one", *["--quick"] * quick, kind, str(n)]
+    command += ["--only", *only] if only else []
     done = subprocess.run(command, capture_output=True, text=True)
     sys.stderr.write("".join(f"{x}\n" for x in done.stderr.splitlines() if x.startswith("#")))
     if done.returncode:
@@ -263,27 +384,28 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("kinds", nargs="*", default=[*KINDS])
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--only", nargs="+", default=[], metavar="COST")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.one:
         kind, n = chosen.kinds
-        for name, value in measure(kind, int(n), peak if chosen.quick else seconds).items():
+        count = peak if chosen.quick else seconds
+        for name, value in measure(kind, int(n), count, chosen.only).items():
             print(name, value, sep="\t")
         return
-    print(f"{'[kB]' if chosen.quick else '[ms]':18}" + "".join(f"{name:>17}" for name in NAMES))
+    unit = 1e-3 if chosen.quick else 1e3
     for kind in chosen.kinds:
-        before, last = {}, 0
-        for n in (QUICK if chosen.quick else SIZES)[kind]:
-            values, words = measured(kind, n, chosen.quick), []
-            for name in NAMES:
-                value = values.get(name, math.nan)
-                p = exponent(before.get(name, 0), value, n / last) if last else math.nan
-                unit = 1e-3 if chosen.quick else 1e3
-                words.append(f"{unit * value:11.4g}" + (f" n^{p:.1f}" if p == p else "     "))
-            print(f"{kind:9}{n:9}" + "".join(f"{word:>17}" for word in words), flush=True)
-            before, last = values, n
-            if not chosen.quick and max(values.values()) > LONGEST:
-                break
+        sizes = (QUICK if chosen.quick else SIZES)[kind]
+        values = [measured(kind, n, chosen.quick, chosen.only) for n in sizes]
+        head = f"{kind} [{'kB' if chosen.quick else 'ms'}]"
+        print(f"{head:26}" + "".join(f"{n:>17}" for n in sizes))
+        for name in values[0]:
+            costs_of_name = [value.get(name, math.nan) for value in values]
+            line = f"{unit * costs_of_name[0]:11.4g}      "
+            for k in range(1, len(sizes)):
+                p = exponent(*costs_of_name[k - 1 : k + 1], sizes[k] / sizes[k - 1])
+                line += f"{unit * costs_of_name[k]:11.4g} n^{p:.1f}"[:17].rjust(17)
+            print(f"  {name:24}{line}", flush=True)
 
 
 if __name__ == "__main__":
