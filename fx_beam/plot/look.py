@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
+from scipy.spatial import ConvexHull
 
 from fx_beam.errors import is_one_of, require
 
@@ -207,25 +208,12 @@ def circle(centre, radius: float, count: int = 48) -> np.ndarray:
     return centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def hull(points: Iterable) -> np.ndarray:
-    """Corners (n, 2) of the convex hull of points, anticlockwise."""
-    ordered = sorted(map(tuple, np.asarray(list(points)).tolist()))
-    sides: list[list[tuple[float, float]]] = []
-    for some in (ordered, ordered[::-1]):
-        side: list[tuple[float, float]] = []
-        for p in some:
-            while len(side) > 1 and _turns_right(side[-2], side[-1], p):
-                side.pop()
-            side.append(p)
-        sides.append(side[:-1])
-    return np.array(sides[0] + sides[1] or ordered[:1])
-
-
-def _turns_right(a, b, c) -> bool:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0
+def hull(points) -> np.ndarray:
+    """Corners (n, 2) of the convex hull of points that are on no line, anticlockwise."""
+    points = np.asarray(points, dtype=float)
+    return points[ConvexHull(points).vertices]
 
 
 def rounded(points, radius: float) -> np.ndarray:
     """Corners (n, 2) of the hull of discs of a radius about points."""
-    corners = [corner for point in points for corner in circle(np.asarray(point), radius, 16)]
-    return hull(corners)
+    return hull(np.concatenate([circle(np.asarray(point), radius, 16) for point in points]))

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pyvista as pv
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -190,6 +189,8 @@ def _colours_of_times(plane: Plane, drawing: Drawing) -> np.ndarray:
 
 def _tubes(limits, drawing: Drawing, shades: np.ndarray, theme: Theme) -> np.ndarray:
     """Picture of the members in all rows, seen along z; later ones cover earlier ones."""
+    import pyvista as pv  # which takes longer than a picture
+
     low, high = np.transpose(limits)
     size, centre = high - low, (low + high) / 2
     window = [int(pixels) for pixels in 1600 * size / max(size)]
