@@ -1,6 +1,6 @@
 """Steps by dolfinx and PETSc held against those in C.
 
-They share the weak form in UFL, and the maps of joints, but no assembly, products, solver or
+They share the weak form in UFL, masses, points and joints, but no assembly of beams, solver or
 Newton's method.
 """
 

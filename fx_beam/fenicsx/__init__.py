@@ -2,8 +2,8 @@
 
 Only this loads dolfinx. `Problem` takes steps in time, `Equilibrium` load steps. In the order of
 a demo of dolfinx: `grid` has the mesh, `fields` the Functions, `form` the residual F and J,
-`assembly` their vectors and matrices, `inertia` nodal rates. `unknowns` has the maps T and Tv of
-joints, `equations` the reduced residual and tangent, `newton` the SNES that solves them.
+`assembly` their vectors and matrices. `equations` hands them to the engine, which has masses,
+points, joints and the reduction, `unknowns` are in PETSc, `newton` has the SNES that solves them.
 """
 
 import importlib.util

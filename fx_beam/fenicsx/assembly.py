@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -22,11 +20,8 @@ class Assembly:
 
     def __init__(self, form: StepForm, model: Model):
         self.form, self.fields, self.grid, self.model = form, form.fields, form.grid, model
-        #: Sparsity (size, size) of the tangent of all forces.
-        self.pattern = model.forms.stiffness.astype(float)
-        self._local = PETSc.Mat().createAIJ(
-            self.pattern.shape, csr=csr_of(self.pattern), comm=MPI.COMM_SELF
-        )
+        pattern = model.forms.stiffness.astype(float)
+        self._local = PETSc.Mat().createAIJ(pattern.shape, csr=csr_of(pattern), comm=MPI.COMM_SELF)
         numbers = PETSc.LGMap().create(self.fields.increment_numbers, comm=MPI.COMM_SELF)
         self._local.setLGMap(numbers, numbers)
 
@@ -44,17 +39,15 @@ class Assembly:
         internal, added = self.grid.total(forces)
         return internal, added
 
-    def tangent(self) -> scipy.sparse.csr_matrix:
-        """Tangent (size, size), in the sparsity of `pattern`."""
+    def tangent(self) -> np.ndarray:
+        """Entries of the tangent (size, size), in the sparsity of all forces."""
         forms = (term.compiled[1] for term in (*self.form.terms, *self.form.added))
         self._local.zeroEntries()
         for form in forms:
             if form is not None:
                 fem.petsc.assemble_matrix(self._local, form)
         self._local.assemble()
-        matrix = copy(self.pattern)  # which shares its rows and columns
-        matrix.data = self.grid.total(self._local.getValuesCSR()[2])
-        return matrix
+        return self.grid.total(self._local.getValuesCSR()[2])
 
     def resultants(self) -> np.ndarray:
         """N, Q and M (cells, points, 3) at the Gauss points."""

@@ -13,12 +13,13 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, StepBatch, instant
 from fx_beam.results.state import State
 from fx_beam.scene.joints import slides_at_start
+from fx_beam.step.equations import Equations as EngineEquations
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.loop import CompiledLoop
+from fx_beam.step.model import fact, led_dofs
 
 from .assembly import Assembly
-from .inertia import Inertia
-from .unknowns import Unknowns, unknowns_of
+from .unknowns import Unknowns
 
 # Change of the load factor by which derivatives are found as differences.
 _APART = 1e-5
@@ -46,7 +47,7 @@ class StepInC(NamedTuple):
 class Equations:
     """Forces r (size,) of a step at unknowns, and their tangent.
 
-    The state at its start is in the memory of the engine, which gets the increment.
+    dolfinx has those of beams; masses, points, joints and the reduction are the engine's.
     """
 
     def __init__(self, assembly: Assembly, loop: CompiledLoop, max_turn: float):
@@ -57,8 +58,9 @@ class Equations:
         self.c_step = StepInC(*problem.results(D=n, z=reduction.columns, r=n, f=n))
         #: In C: dead forces (size,) at the level of the step, natural strains at its end, flat.
         self.dead, _, self._natural_in_c = problem.given()
-        at_rest = loop.model.scheme.rates.at_rest
-        self._inertia = None if at_rest else Inertia(loop)
+        # Forces of beams, and entries of their tangent, as the engine's equations take them.
+        self._beam_forces, self._tangent = np.zeros(n), np.zeros(loop.model.forms.stiffness.nnz)
+        self._engine = EngineEquations(loop.model, loop.forcing.time)
         #: All forces (size,), internal ones, and those of added terms, where they were found last.
         self.forces, self.internal, self._added = np.zeros((3, n))
         # Natural strains (cells, degree, 3) that a user gives at the end of a step.
@@ -69,7 +71,7 @@ class Equations:
         self._last_step = np.nan, np.zeros(n)
         reduction.begin(np.zeros(n), slides_at_start(loop.model.scene))
         #: Unknowns of the last step.
-        self.unknowns: Unknowns = unknowns_of(assembly)
+        self.unknowns = Unknowns(assembly)
 
     def find_natural_strains(self) -> None:
         """Have the natural strains of a user at the end of the next step."""
@@ -81,25 +83,42 @@ class Equations:
         """Begin a sub-step at the state in C."""
         reduction, strains = self.model.reduction, self.model.data.natural
         # The end less the start differs from dt by round-off, which would count as work.
-        interval = self.loop.interval(dt)
-        self._interval, self._start = interval, (start := self.loop.state.read())
-        reduction.begin(start.q, start.slides)
+        interval, start = self.loop.interval(dt), self.loop.state.read()
         if self._natural is not None:
             self._natural_in_c[:] = self._natural.ravel()
         natural = self._natural_in_c.reshape(strains.shape) if strains else None
-        self.assembly.fields.begin(interval, start, natural)
+        self._begin(interval, start, natural)
         self._y = self.c_step.z[: reduction.free].copy()
         self._driven = self.c_step.z[reduction.free :][: reduction.driven]
-        if self._inertia is not None:
+        if len(led := fact(self.model, led_dofs)):
             increment = reduction.increment(self._y, self._driven)
-            led = self._inertia.begin(start, interval.length, increment)
-            self.assembly.fields.lead(led)
-        self._choose_unknowns()
+            accelerations = np.zeros(self.model.size)
+            accelerations[led] = self._beside_the_rule(led, increment[led])
+            self.assembly.fields.lead(accelerations)
 
-    def _choose_unknowns(self) -> None:
-        """Have other unknowns where joints have other independent ones."""
+    def _beside_the_rule(self, led: np.ndarray, D: np.ndarray) -> np.ndarray:
+        """Accelerations beside those of the rule, of what driven motions alone move by D."""
+        start, dt, rates = self._start, self._interval.length, self.model.scheme.rates
+        v, a = start.v[led], start.a[led]
+        before, earlier = (start.length, start.length_before) if start.length else (dt, dt)
+        means = [v - dt / 2 * a, D / dt]
+        if start.length and start.q_previous is not None:
+            means[0] = (start.q - start.q_previous)[led] / before
+        # The third derivative of the cubic through the last places, and the second at the level.
+        bends = (v - means[0]) / before, (means[1] - means[0]) / (before + dt)
+        third = 6 * (bends[1] - bends[0]) / (earlier + before + dt)
+        at_level = 2 * bends[1] + third * ((before + 2 * dt) / 3 - (1 - rates.level) * dt)
+        return at_level - rates.acceleration(D, v, a, dt)[0]
+
+    def _begin(self, interval: Interval, start: State, natural: np.ndarray | None) -> None:
+        self._interval, self._start = interval, start
+        sub_step = self.loop.problem.c.work.run.sub_step
+        values = self.model.forms.parameters.values.copy()  # C has those at the level of the step
+        self._engine.begin(interval, start.changed(parameters=values))
+        self._engine.take_beams(self._beam_forces, self._tangent, sub_step)
+        self.assembly.fields.begin(interval, start, natural)
         if not np.array_equal(self.model.reduction.independent, self.unknowns.independent):
-            self.unknowns = unknowns_of(self.assembly)
+            self.unknowns = Unknowns(self.assembly)
 
     @property
     def y(self) -> np.ndarray:
@@ -123,21 +142,24 @@ class Equations:
                 failure = "OPEN_LOOP" if np.isfinite(y).all() else "NO_CONVERGENCE"
             raise NoConfigurationError(getattr(constants, failure))
         self.internal, self._added = self.assembly.residual(D)
-        self.forces = self.internal + self._added - self.dead
-        if self._inertia is not None:
-            self.forces += self._inertia.force(D)
-        model.forms.compiled_points.add_force(D, self.forces)
+        self._beam_forces[:], self._tangent[:] = self.internal + self._added, 0.0
+        self._balance()
+
+    def _balance(self) -> None:
+        balance = self._engine.at(self._y, self._driven, self.dead)
+        self.forces = balance.r.copy()
+        #: Forces (n,) on the unknowns, Tv^T r.
+        self.residual = balance.residual[self.unknowns.independent]
 
     def tangent(self) -> PETSc.Mat:
         """The reduced tangent where forces were found last."""
-        K, members = self.assembly.tangent(), self.model.points.members
-        self.model.forms.compiled_points.add_tangent(K.data)
-        if self._inertia is not None:
-            K = self._inertia.with_tangent(K)
-        if members is not None:
-            K = K + members.tangent()
-        self.unknowns.assemble(K, self._y, self._driven, self.forces)
-        return self.unknowns.A
+        self._tangent[:] = self.assembly.tangent()
+        self._balance()
+        reduction, couplings = self.model.reduction, self.model.couplings
+        others = couplings.sliding or couplings.closures or couplings.auxiliaries
+        if others or self.model.points.members is not None or self.unknowns.comm.size > 1:
+            return self.unknowns.assemble(self._engine.tangent())
+        return self.unknowns.set_values(*reduction.tangent.pattern, self._engine.values)
 
     @property
     def mass(self) -> scipy.sparse.csr_matrix:
@@ -148,14 +170,10 @@ class Equations:
         """The reduced tangent for slow motions about a state, of a scheme of the package."""
         model, interval = self.model, instant(state.t, _SLOW)
         still = state.changed(v=0 * state.v, a=0 * state.a)
-        model.reduction.begin(state.q, state.slides)
-        self.assembly.fields.begin(interval, still, state.natural)
+        self._begin(interval, still, state.natural)
         batch = StepBatch.single(state.t, _SLOW, q=still.q, v=still.v, slides=still.slides)
         model.forms.compiled_points.begin(interval, batch)
-        if self._inertia is not None:
-            self._inertia.begin(still, _SLOW, np.zeros(model.size))
         self._y, self._driven = np.zeros(model.reduction.free), np.zeros(model.reduction.driven)
-        self._choose_unknowns()
         self.evaluate(self.y)
         K = self.tangent().copy()
         K.scale(1 / model.scheme.rates.level)
@@ -165,15 +183,14 @@ class Equations:
         """Derivative (n,) of the reduced residual by the load factor, in statics."""
         if self._interval is None:
             raise SceneError("fenicsx: load_derivative: no residual was found yet. Begin a step")
-        points, end = self.model.forms.compiled_points, self._interval.end
-        inputs, sides = self.model.points.inputs.copy(), []
+        end, inputs, sides = self._interval.end, self.model.points.inputs.copy(), []
         for factor in (end + _APART, end - _APART, end):
             self.assembly.fields.set_load(factor, forcing.natural(factor))
-            points.set_load(factor, self._interval.length)
+            self._engine.end_at(factor)
             self._driven = forcing.positions(factor) - forcing.current(self._start)
             self.dead[:] = forcing.dead(factor)
             self.evaluate(self.y)
-            sides.append(self.unknowns.reduced_force(self.forces))
+            sides.append(self.residual.copy())
         self.model.points.inputs[:] = inputs  # laws remember iterations, not what is beside them
         return (sides[0] - sides[1]) / (2 * _APART)
 

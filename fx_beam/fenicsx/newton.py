@@ -138,7 +138,7 @@ class Newton:
             return
         if not np.isfinite(equations.forces).all():
             self._failure = self._constants.SINGULAR
-        b.array[:] = unknowns.own(unknowns.reduced_force(equations.forces))
+        b.array[:] = unknowns.own(equations.residual)
 
     def _shorten(self, x: PETSc.Vec, correction: PETSc.Vec) -> bool:
         """Let a correction turn no node further than `LONGEST_TURN`."""

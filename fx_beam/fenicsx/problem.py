@@ -44,8 +44,8 @@ class Problem(Steps):
 
     The weak form is that of the engine, with Functions and Constants of dolfinx as its symbols.
     Supports and joints are maps from the unknowns, as in a multi-point constraint: Newton's method
-    solves Tv(y)^T r(g(y)) = 0. dolfinx assembles, PETSc solves; forces at points, and what follows
-    from an increment (rates, work, forces of joints, records), are the engine's.
+    solves Tv(y)^T r(g(y)) = 0. dolfinx assembles beams, PETSc solves; masses, forces at points, the
+    reduction, and what follows from an increment (rates, work, records), are the engine's.
 
     Parameters
     ----------

@@ -42,7 +42,9 @@ class System:
     @property
     def K(self) -> PETSc.Mat:
         """Derivative of `F` in the last iteration, as a copy."""
-        return self._distributed(self._assembly.tangent())
+        K = self._assembly.model.forms.stiffness
+        matrix = scipy.sparse.csr_matrix((self._assembly.tangent(), K.indices, K.indptr), K.shape)
+        return self._distributed(matrix)
 
     @property
     def M(self) -> PETSc.Mat:

@@ -114,7 +114,8 @@ def cell_nodes(mesh: Mesh) -> np.ndarray:
     """Numbers (cells, width) of the nodes of cells among `mesh.geometry.x`, ends first."""
     geometry = mesh.geometry
     dofs = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
-    return np.asarray(getattr(dofs, "array", dofs)).reshape(max(count_cells(mesh)[1], 1), -1)
+    rows, (_, count) = np.asarray(getattr(dofs, "array", dofs)), count_cells(mesh)
+    return rows.reshape(count, rows.size // count if count else 2)
 
 
 def cell_ends(mesh: Mesh) -> np.ndarray:

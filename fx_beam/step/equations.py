@@ -95,6 +95,15 @@ class Equations:
         self._library.fx_begin(self._c, t, length, self._of(followers))
         self.end_at(end)
 
+    def take_beams(self, forces: np.ndarray, tangent: np.ndarray, sub_step: int) -> None:
+        """Take forces along beams (size,) and their tangent from arrays, in one of the sub-steps.
+
+        The tangent has the sparsity of all forces.
+        """
+        self._c.work.run.sub_step = sub_step
+        arrays = {"beam_forces": forces, "beam_tangent": tangent}
+        self._problem.set(work={"newton": arrays})
+
     def end_at(self, end: float) -> None:
         """Set the end of the step, in statics the load factor there."""
         model = self.model

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.coupling.reduced_tangent import ReducedTangent
 from fx_beam.coupling.reduction import Reduction
 from fx_beam.fem.sparsity import blocks_with, starts_of
@@ -253,7 +254,7 @@ class TangentStorage:
         stored[own], stored[places] = places, own
         return stored
 
-    @property
+    @cached_property
     def tangent_places(self) -> np.ndarray:
         """Storage indices of the entries of `ReducedTangent.pattern`."""
         indptr, indices = self.model.reduction.tangent.pattern

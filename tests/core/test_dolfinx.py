@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.sparse
 from dolfinx_steps import assert_same_steps
 from registry import ONES, SCENES
 
@@ -54,3 +55,25 @@ def test_degrees_of_freedom_of_the_space_have_rows_of_the_scene():
     x = np.empty(problem.system.M.size[0])
     x[problem.system.dofs] = problem.q.x.array
     np.testing.assert_array_equal(x.reshape(solution.q[-1].shape), solution.q[-1])
+
+
+@pytest.mark.parametrize("name", ["closed loop", "slider on a beam"])
+def test_the_tangent_through_joints_is_the_derivative_of_the_residual(name):
+    """Against differences of order four."""
+    fenicsx = pytest.importorskip("fx_beam.fenicsx")
+    case = SCENES[name]
+    problem = fenicsx.Problem(case.build(ONES), case.scheme(), dt=case.dt)
+    for _ in range(3):
+        problem.advance()
+    with problem.begin() as step:
+        y, r = step.y, step.y.duplicate()
+        indptr, indices, data = step.tangent(y).getValuesCSR()
+        K = scipy.sparse.csr_matrix((data, indices, indptr)).toarray().copy()
+        h, slopes = 1e-3, np.zeros(K.shape)
+        for i in range(y.size):
+            for place, weight in ((1, 8), (-1, -8), (2, -1), (-2, 1)):
+                moved = y.copy()
+                moved.array[i] += place * h
+                step.residual(moved, r)
+                slopes[:, i] += weight * r.array / (12 * h)
+    np.testing.assert_allclose(K, slopes, rtol=0, atol=1e-11 * abs(K).max())

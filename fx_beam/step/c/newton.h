@@ -12,10 +12,19 @@ static void evaluate_nodes(const PointForces *points, const Work *w) {
   if (HAS(MEMBERS) && points->members) fx_evaluate_members(points->members, w->D);
 }
 
+/* Adds forces along beams and their tangent that another program gives. */
+static void take_beams(const Tables *p, const Work *w, double *K) {
+  for (int i = 0; i < p->dofs; ++i) w->f[i] += w->newton.beam_forces[i];
+  for (int i = 0; i < p->tangent.row_start[p->dofs]; ++i) K[p->tangent.stored_at[i]] += w->newton.beam_tangent[i];
+}
+
 /* Adds the internal forces to f, and their tangent to K. */
 static void assemble(const Tables *p, const Numbers *s, const Work *w, double *K) {
-  assemble_forces(p, w, &s->forms.internal_forces, w->slopes_only ? 0 : K);
-  if (s->forms.drag.integrals) assemble_forces(p, w, &s->forms.drag, K);
+  if (w->newton.beam_forces) take_beams(p, w, K);
+  else {
+    assemble_forces(p, w, &s->forms.internal_forces, w->slopes_only ? 0 : K);
+    if (s->forms.drag.integrals) assemble_forces(p, w, &s->forms.drag, K);
+  }
   evaluate_nodes(s->points, w);
   fx_add_points(s->points, 0, s->points->nodal, 1, w->f);
   fx_add_point_tangents(s->points, p->at_points.stored_at, K);
