@@ -93,12 +93,12 @@ class Equations:
         if len(led := fact(self.model, led_dofs)):
             increment = reduction.increment(self._y, self._driven)
             accelerations = np.zeros(self.model.size)
-            accelerations[led] = self._beside_the_rule(led, increment[led])
+            accelerations[led] = self._beside_the_rule(interval.length, led, increment[led])
             self.assembly.fields.lead(accelerations)
 
-    def _beside_the_rule(self, led: np.ndarray, D: np.ndarray) -> np.ndarray:
+    def _beside_the_rule(self, dt: float, led: np.ndarray, D: np.ndarray) -> np.ndarray:
         """Accelerations beside those of the rule, of what driven motions alone move by D."""
-        start, dt, rates = self._start, self._interval.length, self.model.scheme.rates
+        start, rates = self._start, self.model.scheme.rates
         v, a = start.v[led], start.a[led]
         before, earlier = (start.length, start.length_before) if start.length else (dt, dt)
         means = [v - dt / 2 * a, D / dt]
