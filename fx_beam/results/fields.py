@@ -137,13 +137,19 @@ def energy_density(solution, rows: list[int]) -> np.ndarray:
     names, values = solution.names_of_parameters, solution.parameters[rows].tolist()
     parameters = [dict(zip(names, row_points, strict=True)) for row_points in values]
     density, end = np.empty(strains.shape[1:]), 0
+    constant: dict[int, list[np.ndarray]] = {}  # stiffnesses by sections, empty where they vary
     for beam in solution.beams.values():
         first, end = end, end + beam.elements
-        cells = slice(first, end)
-        beam_strains, energy = strains[:, :, cells], beam.section.strain_energy
+        cells, section = slice(first, end), beam.section
+        beam_strains, energy = strains[:, :, cells], section.strain_energy
         if energy is None:
-            fractions = arc_lengths(beam, gauss_rule(beam.degree)[0]) / beam.length
-            stiffness = [beam.section.values(kind, fractions) for kind in _STIFFNESSES]
+            if (stiffness := constant.get(id(section))) is None:
+                kinds = () if any(map(section.varies, _STIFFNESSES)) else _STIFFNESSES
+                stiffness = [section.values(kind, np.zeros(1)) for kind in kinds]
+                constant[id(section)] = stiffness
+            if not stiffness:
+                fractions = arc_lengths(beam, gauss_rule(beam.degree)[0]) / beam.length
+                stiffness = [section.values(kind, fractions) for kind in _STIFFNESSES]
             parts = zip(stiffness, beam_strains**2, strict=True)
             density[:, cells] = sum(factor * squares for factor, squares in parts) / 2
             continue
