@@ -137,7 +137,7 @@ def written(figure: Figure, path: Path | None, is_cut: bool = False) -> Figure:
     """A figure, written into a file if there is a path; what is empty around it may be cut."""
     if path is not None:
         with replacing(path) as new:
-            cut: Look = {"bbox_inches": "tight", "pad_inches": 0.04} if is_cut else {}
+            cut: Look = {"bbox_inches": "tight", "pad_inches": 0.1} if is_cut else {}
             figure.savefig(new, dpi=200, **cut)
     return figure
 

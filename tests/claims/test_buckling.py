@@ -296,7 +296,7 @@ def test_pictures_have_the_load_factors(tmp_path):
     modes = fb.buckling(scene, n=2)
     picture = fb.plot.modes(modes, tmp_path / "modes.png")
     assert [ax.get_title() for ax in picture.axes] == [
-        f"mode {k}: load factor {factor:.3g}" for k, factor in enumerate(modes.load_factors)
+        f"mode {k + 1}: load factor {factor:.3g}" for k, factor in enumerate(modes.load_factors)
     ]
 
 
