@@ -16,6 +16,7 @@ from fx_beam.errors import as_float, is_one_of, positive, real_array, require
 from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.contacts import Contact
+from fx_beam.scene.section import has_stresses
 
 from .drawing import Drawing
 from .look import MEMBERS, Colour, Look, Pen, mixed
@@ -160,6 +161,7 @@ class Members:
 
 
 _LEAST, _EDGE, _BRIGHT = 3.4, 0.75, 5.0  # widths of lines [points]
+_STOUT = 0.3  # largest width of a member, by its length
 _PLAIN = 500  # members above which they are plain lines
 
 
@@ -175,12 +177,14 @@ def widths_of(pen: Pen, drawing: Drawing) -> np.ndarray:
     middle, widths = np.array([0.5]), []
     for beam in drawing.solution.beams.values():
         depth = touching.get(beam.name)
-        if depth is None and beam.section is not None:
+        # Of stiffnesses alone no depth is known.
+        if depth is None and beam.section is not None and has_stresses(beam.section):
             key = id(beam.section)
             if key not in known:
                 known[key] = _depth_of(beam, middle)
             depth = known[key]
-        widths.append(0.0 if depth is None else float(np.mean(depth)) / pen.point)
+        mean = 0.0 if depth is None else float(np.mean(depth))
+        widths.append(min(mean, _STOUT * beam.length) / pen.point)
     return np.maximum(widths, least)
 
 
