@@ -153,3 +153,15 @@ def test_dimensions_are_of_the_pairs_that_are_named():
     figure = plot.scene(scene, dimensions=[(left.start, left.end), (left.start, girder.end)])
     texts = {text.get_text() for text in figure.axes[0].texts}
     assert {"3", "5"} <= texts and not figure.axes[0].axison
+
+
+def test_members_have_their_depth_where_their_section_has_sizes():
+    widths = []
+    for section in fb.Section.rectangle(0.2, 0.1, **fb.materials.steel), STIFF:
+        scene, _ = clamped_bar((2, 0), section, elements=2)
+        ax = plot.scene(scene).axes[0]
+        point = np.ptp(ax.get_xlim()) / (ax.get_window_extent().width * 72 / ax.figure.dpi)
+        edge = max(line.get_linewidth() for line in ax.lines if line.get_zorder() == 3)
+        widths.append((edge - 1.5) * point)
+    assert widths[0] == approx(0.2, rel=1e-6)
+    assert widths[1] == approx(3.4 * point)  # sqrt(12 EI/EA) would be 0.35
