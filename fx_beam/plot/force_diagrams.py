@@ -36,7 +36,7 @@ from .symbols import (
     draw_between,
     draw_moving,
     draw_pin,
-    draw_support,
+    draw_supports,
     is_a_rope,
     marks_of,
     pull_of,
@@ -345,8 +345,7 @@ class _Panel:
         for kind in ("hinge", "slide"):
             if kind in marks:
                 draw_pin(top, drawing.positions(marks[kind], row))
-        for number, support in supports.items():
-            draw_support(top, drawing.positions(number, row), support)
+        draw_supports(top, drawing, parts, row)
         if largest > 0:
             self._write(top, curves, scale, largest, factor, set(supports))
         if shows_pulls:

@@ -299,8 +299,7 @@ def _draw(ax, theme: Theme, drawing: Drawing, mode_rows: np.ndarray) -> None:
     symbols.draw_moving(rest, drawing, _AT_REST, ghost=True)
     symbols.draw_moving(moved, drawing, _MOVED)
     parts = drawing.parts(_MOVED)
-    for number, support in drawing.once(symbols.supports_of, parts).items():
-        symbols.draw_support(moved, drawing.positions(number, _AT_REST), support)
+    symbols.draw_supports(moved, drawing, parts, _AT_REST)
     symbols.draw_joints(moved, drawing, parts, _MOVED)
     symbols.draw_between(moved, drawing, parts, _MOVED)
     rest.finish()

@@ -85,25 +85,47 @@ _PLATE = np.array([(-10, 0), (10, 0), (10, -4), (-10, -4)])
 _SQUARE = 4 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 
 
-def draw_support(pen: Pen, place: np.ndarray, support: Support) -> None:
-    """Draw a triangle on the ground for a pin, with wheels for a roller, or a wall for a clamp."""
+def draw_supports(pen: Pen, drawing: Drawing, parts: Parts, k: int) -> None:
+    """Draw all supports in row k, with one strip of ground where they are side by side."""
+    spans: dict[tuple, list[tuple[float, float, float]]] = {}
+    for number, support in drawing.once(supports_of, parts).items():
+        place, away = drawing.positions(number, k), support.away
+        foot = _draw_support(pen, place, support)
+        if foot is not None:
+            level, s = place @ away + foot * pen.unit, place @ left_of(away)
+            half = (15.0 if foot else 13.0) * pen.unit
+            key = (*away.round(6).tolist(), round(level / pen.point))
+            spans.setdefault(key, []).append((s - half, s + half, level))
+    for (x, y, _), parts_of_strip in spans.items():
+        away, strips = np.array([x, y]), list[list[float]]()
+        for start, end, level in sorted(parts_of_strip):
+            if strips and start < strips[-1][1] + 10.0 * pen.unit:
+                strips[-1][1] = max(end, strips[-1][1])
+            else:
+                strips.append([start, end, level])
+        for start, end, level in strips:
+            line = level * away + np.outer((start, end), left_of(away))
+            pen.ground(line, away)
+
+
+def _draw_support(pen: Pen, place: np.ndarray, support: Support) -> float | None:
+    """Draw a triangle for a pin, with wheels for a roller; height above the ground, if any."""
     kind, away = support
     across = left_of(away)
     if kind == "turn":
         pen.area(pen.at(place, _SQUARE), pen.theme.paper, z=6)
-        return
+        return None
     if kind == "clamp":
-        pen.wall(place, away, depth=7.0)
-        return
+        return 0.0
     foot = 13.0 if kind in ("pin", "roller") else 4.0
     pen.area(pen.at(place, _TRIANGLE if foot > 4 else _PLATE, across), width=1.2, z=4)
     if kind != "pin":
         wheels = [(x, -foot - 2.6) for x in (-5, 5)]
         pen.ring(pen.at(place, wheels, across), 2.4, width=1.0, z=4)
         foot += 5.2
-    pen.wall(place + foot * pen.unit * away, away, 30.0)
     if kind != "guide":
         draw_pin(pen, place)
+    return foot
 
 
 def draw_pin(pen: Pen, places) -> None:
@@ -119,8 +141,7 @@ def draw_held(pen: Pen, drawing: Drawing, parts: Parts, k: int) -> None:
     """Draw supports, joints, gears, springs, ropes and fixed obstacles of a scene in row k."""
     for outline in drawing.obstacles.fixed(parts):
         draw_outline(pen, outline)
-    for number, support in drawing.once(supports_of, parts).items():
-        draw_support(pen, drawing.positions(number, k), support)
+    draw_supports(pen, drawing, parts, k)
     draw_joints(pen, drawing, parts, k)
     draw_between(pen, drawing, parts, k)
 
