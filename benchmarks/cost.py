@@ -264,18 +264,18 @@ def counts():
 def memory(call):
     """Bytes of the arrays that a call gives to C, by their names in C."""
     from fx_beam.step.program import PROGRAMS
-    from fx_beam.step.tables import Problem
+    from fx_beam.step.tables import ProblemInC
 
     PROGRAMS.clear()  # the scene is set up anew
-    problems, begin = [], Problem.__init__
+    problems, begin = [], ProblemInC.__init__
 
     def remember(self, *arguments, **named):
         begin(self, *arguments, **named)
         problems.append(self)
 
-    Problem.__init__ = remember
+    ProblemInC.__init__ = remember
     call()
-    Problem.__init__ = begin
+    ProblemInC.__init__ = begin
     arrays, nodes = (
         (arrays_of(problems[-1]), problems[-1].c.tables.mesh.nodes) if problems else ({}, 1)
     )

@@ -33,7 +33,7 @@ def timed_steps():
     """A list to which the processor times of blocks of steps [s] are added."""
     from fx_beam.step.loop import CompiledLoop
 
-    seconds, take = [], CompiledLoop.take
+    seconds, take = [], CompiledLoop.take_steps
 
     def timed(*arguments):
         started = thread_time()
@@ -41,9 +41,9 @@ def timed_steps():
         seconds.append(thread_time() - started)
         return result
 
-    CompiledLoop.take = timed
+    CompiledLoop.take_steps = timed
     yield seconds
-    CompiledLoop.take = take
+    CompiledLoop.take_steps = take
 
 
 def serve():

@@ -53,7 +53,7 @@ def _substitute() -> Path:
     return Path(os.path.realpath(tempfile.gettempdir()), f"fx_beam-{os.geteuid()}")
 
 
-def load(name: str, loader: Callable[[Path], T], place: Path | None = None) -> T | None:
+def load_cached(name: str, loader: Callable[[Path], T], place: Path | None = None) -> T | None:
     """Result of the loader for a library of the cache; None if there is none that it can load."""
     try:
         path = _checked(place or folder()) / name
@@ -103,13 +103,13 @@ def loaded(name: str, loader: Callable[[Path], T], builder: Callable[[Path], T])
 
     If there is none, what the builder returns, which makes it in a folder.
     """
-    library = load(name, loader)
+    library = load_cached(name, loader)
     if library is not None:
         return library
     place = _writable_folder()
     with _one_at_a_time(place / f"{name}.lock"):
         # It is in the substitute, or another process has built it meanwhile.
-        library = load(name, loader, place)
+        library = load_cached(name, loader, place)
         return _built(place, name, builder) if library is None else library
 
 

@@ -41,14 +41,14 @@ _STRETCH = 1 + 2e-15 * int(os.environ.get("FX_BEAM_ROUNDING", "0"))
 
 
 if _STRETCH != 1:
-    _take = CompiledLoop.take
+    _take = CompiledLoop.take_steps
 
     def _stretched(loop, steps, recorder):
         """Equal steps whose length is multiplied by `_STRETCH`; their times are as they were."""
         length = steps.dt * (_STRETCH if steps.control is None else 1)
         return _take(loop, steps._replace(dt=length), recorder)
 
-    CompiledLoop.take = _stretched
+    CompiledLoop.take_steps = _stretched
 
 
 @pytest.fixture(autouse=True)

@@ -57,13 +57,13 @@ class PlainStep:
     def forces(self, end):
         """Forces (size,) of supports and joints on nodes, by the balance of all others."""
         model, state, interval = self.model, self.state, self.interval
-        if len(followed := model.points.followed):  # friction knows the forces of its joints
+        if len(followed := model.points.normal_forces):  # friction knows the forces of its joints
             state = replace(state, spring_internal=state.spring_internal.copy())
             state.spring_internal[followed] = end.spring_internal[followed]
         start = start_of(model, state, interval.length)
         if (strains := self.forcing.natural(interval.end)) is not None:
             start = start.with_natural(state.natural, strains)
-        forces = model.forms.begin(interval, start)
+        forces = model.forms.begin_step(interval, start)
         for _ in range(8):  # until all members are known that a point touches
             inner = forces.internal(self.D)
             members = model.points.members

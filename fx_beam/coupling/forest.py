@@ -19,7 +19,7 @@ _SHORTER = 0.7
 
 
 @dataclass(frozen=True)
-class Branch:
+class TreeNode:
     """A node that a joint couples to its parent in a tree."""
 
     node: int
@@ -32,7 +32,7 @@ class Branch:
         return 1.0 if self.node == self.joint.b.number else -1.0
 
 
-def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
+def grown_forests(scene: Scene) -> tuple[list[list[TreeNode]], list[list[Joint]]]:
     """Trees of x, y and rotation, and the joints that close loops in each.
 
     Of two joined nodes, one may be fixed in x and the other in y. If only one component of a tree
@@ -56,7 +56,7 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
 
 def _forest(
     joints: Iterable[Joint], component: int, supports: list[set[int]]
-) -> tuple[list[Branch], list[Joint]]:
+) -> tuple[list[TreeNode], list[Joint]]:
     """Joints as branches of trees, parents first, and those that close loops.
 
     Roots: supported nodes and the ground; else a node that is supported in the other displacement,
@@ -84,20 +84,20 @@ def _forest(
         neighbours.setdefault(a, []).append((b, joint))
         neighbours.setdefault(b, []).append((a, joint))
 
-    forest = list[Branch]()
+    forest = list[TreeNode]()
     nodes = sorted(neighbours)
     reached: set[int] = set()
     for root in (n for part in (supported, preferred, neighbours) for n in nodes if n in part):
         queue = [] if root in reached else [root]
         for parent in queue:
             reached.add(parent)
-            grown = [Branch(n, parent, j) for n, j in neighbours[parent] if n not in reached]
+            grown = [TreeNode(n, parent, j) for n, j in neighbours[parent] if n not in reached]
             forest += grown
             queue += [branch.node for branch in grown]
     return forest, closing
 
 
-def _loops_through(forest: list[Branch], closing: list[Joint]) -> list[int]:
+def _loops_through(forest: list[TreeNode], closing: list[Joint]) -> list[int]:
     """Number (branches,) of loops through each branch: up from both nodes to where these meet."""
     number = {branch.node: k for k, branch in enumerate(forest)}
     # The last branch, -1, is above all roots.
@@ -129,7 +129,7 @@ def _meeting(parents: np.ndarray, depth: np.ndarray, a: np.ndarray, b: np.ndarra
     return np.where(a == b, a, parents[a])
 
 
-def loop_through(forest: list[Branch], joint: Joint) -> tuple[list[Joint], list[int]]:
+def loop_through(forest: list[TreeNode], joint: Joint) -> tuple[list[Joint], list[int]]:
     """Joints of the loop that one closes, by number; the roots at its ends, if these are two."""
     joints, pulls = [joint], Counter({joint.b.number: 1})
     pulls[joint.a.number] -= 1

@@ -18,7 +18,7 @@ from fx_beam.scene.joints import GROUND, Joint, joints_by_number, missing_joints
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
-from .forest import Branch, grown_forests, loop_through
+from .forest import TreeNode, grown_forests, loop_through
 
 if TYPE_CHECKING:
     from fx_beam.scene.gears import Gear
@@ -159,7 +159,7 @@ class Couplings:
     #: Auxiliaries: of rotations, then of x and y.
     auxiliaries: list[Auxiliary]
     #: For x, y and rotation: the nodes that follow others through joints, parents first.
-    forests: list[list[Branch]]
+    forests: list[list[TreeNode]]
     #: Joints of nodes that slide on beams, in order: a beam depends on earlier sliding nodes only.
     sliding: list[SlidingJoint]
     #: Columns of the nodes that slide, by the number of the joint.
@@ -281,7 +281,7 @@ def couple(scene: Scene, mesh: Mesh, released: bool = False) -> Couplings:
 
 
 def _check_closure(
-    scene: Scene, closure: Closure, forests: list[list[Branch]], columns: _Columns
+    scene: Scene, closure: Closure, forests: list[list[TreeNode]], columns: _Columns
 ) -> None:
     """Refuse a closure that no column moves, or of rotations with a motor, which has no entry."""
     joint, i = closure.joint, closure.component
@@ -370,7 +370,7 @@ class _Sums:
     def __init__(
         self,
         columns: _Columns,
-        forests: list[list[Branch]],
+        forests: list[list[TreeNode]],
         arm_joints: list[Joint],
         whole: set[int],
     ):
@@ -409,7 +409,7 @@ class _Sums:
             entries.append((self._columns.slides[joint.number], first + 2, side))
         return entries
 
-    def _in_long_trees(self, forest: list[Branch], i: int) -> set[int]:
+    def _in_long_trees(self, forest: list[TreeNode], i: int) -> set[int]:
         """Nodes of trees in which a sum has many entries without auxiliary unknowns."""
         entries, roots = dict[int, int](), dict[int, int]()
         most = dict[int, int]()
@@ -448,7 +448,7 @@ def _difference(b: list[Entry], a: list[Entry]) -> list[Entry]:
     return [(*key, sign) for key, sign in total.items() if sign]
 
 
-def _connected(forests: list[list[Branch]], nodes: set[int]) -> set[int]:
+def _connected(forests: list[list[TreeNode]], nodes: set[int]) -> set[int]:
     """Nodes of all trees that contain one of some nodes; the ground connects nothing."""
     pairs = [(b.node, b.parent) for forest in forests for b in forest if b.parent >= 0]
     if not nodes or not pairs:
@@ -462,7 +462,7 @@ def _connected(forests: list[list[Branch]], nodes: set[int]) -> set[int]:
 class _Columns:
     """Numbers of the columns: free, driven, fixed."""
 
-    def __init__(self, scene: Scene, mesh: Mesh, forests: list[list[Branch]], released: bool):
+    def __init__(self, scene: Scene, mesh: Mesh, forests: list[list[TreeNode]], released: bool):
         follow = {(branch.node, i) for i, forest in enumerate(forests) for branch in forest}
         supported = [*scene.prescribed, *sorted(scene.fixed)]
         sliding = sliding_joints(scene.joints)

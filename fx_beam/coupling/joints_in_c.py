@@ -206,7 +206,7 @@ class Configuration:
         other.closure, other.following = block.view(self.closure), block.view(self.following)
         return other
 
-    def begin(self, q: np.ndarray, slides: np.ndarray) -> bool:
+    def set_start(self, q: np.ndarray, slides: np.ndarray) -> bool:
         """Set the start: displacements and rotations, and slides; False in a singular position."""
         self._state[0][:], self._state[1][:] = q, slides
         return bool(self._library.fx_begin_joints(self._c))

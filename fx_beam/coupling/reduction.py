@@ -95,11 +95,11 @@ class Reduction:
 
     # -- A step -----------------------------------------------------------------------------------
 
-    def begin(self, q: np.ndarray, slides: np.ndarray) -> None:
+    def set_start(self, q: np.ndarray, slides: np.ndarray) -> None:
         """Set the start of a step, q and slides, and choose the unknowns that close loops."""
         if self.couplings.is_selection:
             return
-        regular = self.joints.configuration.begin(q, slides)
+        regular = self.joints.configuration.set_start(q, slides)
         self.singularity = "" if regular or self.loops is None else self.loops.singularity
         self.closures_at(np.zeros(self.free), np.zeros(self.driven))
 

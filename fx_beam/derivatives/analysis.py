@@ -69,7 +69,7 @@ class Analysis:
         """Times or load factors (n,) and outputs for parameters."""
         raise NotImplementedError
 
-    def followed(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
+    def tape_of_last_run(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
         """The model of the last run, the tape of its steps, and their derivatives."""
         raise NotImplementedError
 
@@ -95,7 +95,7 @@ class Analysis:
         """Numbers of a scene that its outputs read; those `known` are of the last scene."""
         numbers = numbers_of_outputs(outputs, known)
         if any(map(is_section_force, known.values())):
-            model, tape, _ = self.followed("derivatives")
+            model, tape, _ = self.tape_of_last_run("derivatives")
             scene = with_functions(scene, self.inputs, "Response: inputs")
             numbers |= numbers_of_sections(model, tape, self.rest_time, scene, known)
         return numbers

@@ -67,7 +67,7 @@ def refuse_others(changes: Mapping[str, np.ndarray], known: Set[str], subject: s
             )
 
 
-class BuiltScenes:
+class SceneGradient:
     """The scenes that a function gives for numbers, and derivatives of what they are made of."""
 
     def __init__(self, scene_at: Callable[[Any], Scene]):

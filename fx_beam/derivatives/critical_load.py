@@ -46,7 +46,7 @@ class CriticalLoad:
     def __init__(self) -> None:
         self._tangent, self._reference = TangentDerivatives(_WHAT), TangentDerivatives(_WHAT)
 
-    def take(
+    def set_point(
         self, point: CriticalPoint, scene: Scene, derivatives: DerivativesOf, hold: np.ndarray
     ) -> None:
         """Take a point of the path of a scene, with `derivatives` of numbers of scenes by x.
@@ -55,9 +55,9 @@ class CriticalLoad:
         """
         self._held = hold
         if hold.any():
-            self._reference.begin(linearised(scene, None, _WHAT, is_held=True), None)
+            self._reference.set_state(linearised(scene, None, _WHAT, is_held=True), None)
             reference_changes = derivatives(self._reference.numbers_of)
-            self._reference.take(reference_changes, reference_changes.keys())
+            self._reference.set_changes(reference_changes, reference_changes.keys())
         self._point, state = point, point.solution
         assert state is not None and point.modes is not None  # of a point with a load factor
         if point.kind not in (FLUTTER, "limit point", "bifurcation"):
@@ -78,14 +78,14 @@ class CriticalLoad:
         if flowed or (beams is not None and beams.has_external):
             reason = "material flows on the path" if flowed else "added virtual works have none"
             raise SceneError(f"{_WHAT}: no derivatives: {reason}")
-        self._tangent.begin(linear, state)
+        self._tangent.set_state(linear, state)
         changes, factor_slopes = derivatives(self._tangent.numbers_of), self._tangent.by_factor()
         #: Changes (m + 1, ...) of all numbers by x, and by the load factor.
         self._changes = {}
         for name, rows in changes.items():
             last = np.reshape(factor_slopes.get(name, 0 * rows[0]), (1, *rows[0].shape))
             self._changes[name] = np.concatenate([rows, last])
-        self._tangent.take(self._changes, self._changes.keys())
+        self._tangent.set_changes(self._changes, self._changes.keys())
         omega = point.modes.angular_frequencies[0]
         self._square = omega**2 if point.kind == FLUTTER else 0.0
         self._unit = linear.model.units.unknowns[linear.unknowns]
@@ -150,7 +150,7 @@ class CriticalLoad:
     ) -> tuple[float, float]:
         """A_2, or 0 if it is round-off, and A_3."""
         motions = self._tangent.along_motions(self._pair(0.0))
-        _, curved = self._tangent.followed(motions, np.ones(1), curved=True)
+        _, curved = self._tangent.sum_derivatives(motions, np.ones(1), curved=True)
         curvature = float(self.phi @ curved - 3 * state_gradient @ weights)
         slope, size = self.phi @ state_gradient, abs(factor_change * self._point.load_factor)
         return (slope if abs(slope) > _ASYMMETRIC * (size + abs(curvature)) else 0.0), curvature
@@ -161,7 +161,7 @@ class CriticalLoad:
         And those by the state, with the weights of forces that belong to these.
         """
         motions = self._tangent.along_motions(self._pair(-self._square))
-        by_name, state_gradient = self._tangent.followed(motions, np.ones(1))
+        by_name, state_gradient = self._tangent.sum_derivatives(motions, np.ones(1))
         weights = self._solved(state_gradient)  # the state follows by dy = -K^-1 dr
         return self._tangent.by_x(by_name) - self._work(weights), state_gradient, weights
 

@@ -25,8 +25,8 @@ from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import driven_of, driven_terms
 
-from .gradient import Block, Gradient, jvp, of_names, of_rows, vjp
-from .row_output import Needs, Places, RowOutput
+from .gradient import DerivativeBlock, Gradient, jvp, of_names, of_rows, vjp
+from .row_output import Needs, RowOutput, RowPlaces
 from .sub_steps import SubSteps
 
 #: Derivatives (k, ...) in rows by states, with parameters and natural strains there, and by
@@ -106,12 +106,12 @@ _PARTS: dict[str, list[Callable[[SubSteps, Arrays], Derivatives]]] = {
 
 def energy_blocks(
     sub_steps: SubSteps, parts: str, ends: np.ndarray, rows: np.ndarray
-) -> Iterator[Block]:
+) -> Iterator[DerivativeBlock]:
     """Derivatives of an energy in rows (k,), which are at `ends` (n,) among the states."""
     boundaries = sub_steps.boundaries[ends[rows]]
     for group in sub_steps.groups(boundaries):
         numbers = boundaries[group]
-        states = sub_steps.at(numbers)
+        states = sub_steps.states_at(numbers)
         for part in _PARTS[parts]:
             blocks = of_names(rows[group], part(sub_steps, states))
             yield from sub_steps.at_states(numbers, blocks)
@@ -120,7 +120,7 @@ def energy_blocks(
 class EnergyOutput(RowOutput):
     """An energy of the scene at the rows of a run."""
 
-    def __init__(self, places: Places, name: str, measured: Measured):
+    def __init__(self, places: RowPlaces, name: str, measured: Measured):
         super().__init__(places, name, measured)
         self._parts = measured.quantity.of
 
@@ -129,7 +129,7 @@ class EnergyOutput(RowOutput):
         """As of `RowOutput`."""
         return Needs(rates=model.fits_rates and measured.quantity.of in ("kinetic", "total"))
 
-    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+    def blocks(self, rows: np.ndarray) -> Iterator[DerivativeBlock]:
         """As of `RowOutput`."""
         return energy_blocks(self._sub_steps, self._parts, self._places.ends, rows)
 
@@ -139,10 +139,10 @@ def why_no_losses(model: Model) -> str:
     members = model.points.members
     if members is not None and any(law.law.loss for law in members.laws):
         return "members touch with friction or losses"
-    return "friction follows the force of a joint" if len(model.points.followed) else ""
+    return "friction follows the force of a joint" if len(model.points.normal_forces) else ""
 
 
-def losses_in_steps(sub_steps: SubSteps, rows: np.ndarray) -> Iterator[Block]:
+def losses_in_steps(sub_steps: SubSteps, rows: np.ndarray) -> Iterator[DerivativeBlock]:
     """Derivatives of the energy lost in sub-steps of a part of a tape, for `rows` among 1 to k."""
     model = sub_steps.model
     # In statics the first step leads to the equilibrium without loads, which loses nothing.
@@ -231,7 +231,7 @@ class WorkOutput(EnergyOutput):
 
     is_sum = True
 
-    def __init__(self, places: Places, name: str, measured: Measured):
+    def __init__(self, places: RowPlaces, name: str, measured: Measured):
         super().__init__(places, name, measured)
         sub_steps, model, quantity = self._sub_steps, self._sub_steps.model, measured.name
         part = sub_steps.tape.present
@@ -251,7 +251,7 @@ class WorkOutput(EnergyOutput):
         if not part.first and not model.scheme.rates.at_rest:
             self._start_sum = f"{quantity} at the start"
         #: Derivatives of the work in the steps, if it counts.
-        self._work = list[Block]()
+        self._work = list[DerivativeBlock]()
         if self._signs.steps:
             self._work = [*work_in_steps(sub_steps, places.column_forces())]
 
@@ -265,12 +265,12 @@ class WorkOutput(EnergyOutput):
             whole=bool(model.forms.needs_previous and signs.losses),
         )
 
-    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+    def blocks(self, rows: np.ndarray) -> Iterator[DerivativeBlock]:
         """Blocks of what is not a sum, in some of the rows."""
         if self._parts:
             yield from (block.times(self._sign) for block in super().blocks(rows))
 
-    def _of_steps(self, steps: np.ndarray) -> Iterator[Block]:
+    def _of_steps(self, steps: np.ndarray) -> Iterator[DerivativeBlock]:
         """Blocks that some steps add to all later rows, at first those of the start (number 0)."""
         first = np.zeros(1, dtype=int)
         if self._start_sum:
@@ -303,7 +303,7 @@ class WorkOutput(EnergyOutput):
         return sums[self._ends] + super().jvp(rows, earlier, state_changes, changes)
 
 
-def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[Block]:
+def work_in_steps(sub_steps: SubSteps, forces: np.ndarray) -> Iterator[DerivativeBlock]:
     """Derivatives of the work of loads and driven motions in a part of a tape, in rows 1 to k.
 
     It is F . w, with the mean F of the loads at both ends and the path w, and the forces of driven

@@ -18,7 +18,7 @@ DualArrays = dict[str, np.ndarray | Dual]
 Chosen = slice | np.ndarray
 
 
-class Block(NamedTuple):
+class DerivativeBlock(NamedTuple):
     """Derivatives (k, e) of an output in rows (k,) by entries of states, forces or numbers."""
 
     name: str
@@ -33,20 +33,20 @@ class Block(NamedTuple):
     #: The component that depends on the entries, or (e,) that on each of them, or their slice.
     part: int | Chosen = 0
 
-    def times(self, factor: float) -> Block:
+    def times(self, factor: float) -> DerivativeBlock:
         """Block of a multiple of the output."""
         return self if factor == 1 else self._replace(derivatives=factor * self.derivatives)
 
 
 def of_rows(
     name: str, rows: np.ndarray, values: np.ndarray, places: Chosen | None = None, first: int = 0
-) -> Block:
+) -> DerivativeBlock:
     """Derivatives (k, ...) of rows by all entries of states, or of numbers, from the `first` on."""
     slopes = values.reshape(len(rows), -1)
-    return Block(name, slice(first, first + slopes.shape[1]), rows, slopes, places)
+    return DerivativeBlock(name, slice(first, first + slopes.shape[1]), rows, slopes, places)
 
 
-def of_names(rows: np.ndarray, derivatives: Mapping[str, np.ndarray]) -> Iterator[Block]:
+def of_names(rows: np.ndarray, derivatives: Mapping[str, np.ndarray]) -> Iterator[DerivativeBlock]:
     """Blocks of derivatives (k, ...) of rows by all entries, by name."""
     return (of_rows(name, rows, values) for name, values in derivatives.items() if values.size)
 
@@ -58,15 +58,15 @@ def of_entries(
     rows: np.ndarray,
     derivatives: ArrayLike,
     places: Chosen | None = None,
-) -> Block:
+) -> DerivativeBlock:
     """A block where component parts[e] of each row depends on one entry, entries[e], alone."""
     entries, parts = np.atleast_1d(entries), np.atleast_1d(parts)
     values = np.empty((len(rows), len(entries)))
     values[:] = np.reshape(derivatives, (-1, 1))
-    return Block(name, entries, rows, values, places, parts)
+    return DerivativeBlock(name, entries, rows, values, places, parts)
 
 
-def vjp(blocks: Iterable[Block], weights: np.ndarray, gradient: Gradient) -> None:
+def vjp(blocks: Iterable[DerivativeBlock], weights: np.ndarray, gradient: Gradient) -> None:
     """Add the derivatives of the sum of weights (n, ...) times an output."""
     weights = weights[:, None] if weights.ndim == 1 else weights
     for name, entries, rows, derivatives, places, part in blocks:
@@ -75,7 +75,10 @@ def vjp(blocks: Iterable[Block], weights: np.ndarray, gradient: Gradient) -> Non
 
 
 def jvp(
-    blocks: Iterable[Block], shape: tuple[int, ...], state_changes: Arrays, changes: Arrays
+    blocks: Iterable[DerivativeBlock],
+    shape: tuple[int, ...],
+    state_changes: Arrays,
+    changes: Arrays,
 ) -> np.ndarray:
     """Changes (*shape, m) of an output from those of states (n, m, ...) and numbers (m, ...)."""
     count = len(changes["X"])
@@ -111,16 +114,16 @@ class Gradient:
         #: Derivatives by states and forces (n, size), by name.
         self.state_slopes: dict[str, np.ndarray] = {}
 
-    def at(self, name: str) -> np.ndarray:
+    def derivative_by(self, name: str) -> np.ndarray:
         """Derivatives by all states or forces of a name, to which one adds."""
         if name not in self.state_slopes:
             self.state_slopes[name] = np.zeros(self._sizes[name])
         return self.state_slopes[name]
 
     def add(self, name: str, entries: Chosen, places: Chosen | None, values: np.ndarray) -> None:
-        """Add derivatives (k, e) by entries, as those of a `Block`."""
+        """Add derivatives (k, e) by entries, as those of a `DerivativeBlock`."""
         if places is not None and name in self._sizes:
-            target = self.at(name)
+            target = self.derivative_by(name)
         elif name in self._number_slopes:
             target = self._number_slopes[name]
         else:

@@ -23,7 +23,7 @@ from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.scene import Scene
 
 from .gradient import DualArrays
-from .parametrised import OfParameters, Parametrised, one_call
+from .parametrised import ParameterFunction, Parametrised, one_call
 from .tangent_analysis import TangentAnalysis
 from .tangent_derivatives import Pairs
 
@@ -62,14 +62,14 @@ class _Vibrations(NamedTuple):
 
     def solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
         """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
-        system, sides = self.vibration.at(frequency), self.sides_at(frequency)
+        system, sides = self.vibration.at_frequency(frequency), self.sides_at(frequency)
         if system.symmetric:
             solved = system.solved(sides).T
             return solved[0], solved[1:]
         return system.solved(sides[:, 0]), system.solved(sides[:, 1:], transposed=True).T
 
 
-class HarmonicResponse(OfParameters):
+class HarmonicResponse(ParameterFunction):
     r"""Steady vibrations under a harmonic load as a function of parameters.
 
     ``values = run(x)`` builds the scene of the parameters x and computes complex amplitudes as
@@ -171,7 +171,7 @@ class HarmonicResponse(OfParameters):
             Amplitudes [m or rad] of the components, as `FrequencyResponse.values`: their size is
             the amplitude of the motion, their angle its phase.
         """
-        values = self._parameters.begin(x)
+        values = self._parameters.check_x(x)
 
         def take_load(linear: Linearisation) -> None:
             load = self._parameters.besides[0]
@@ -273,7 +273,9 @@ class HarmonicResponse(OfParameters):
 
         def minus_amplitude(frequency: float) -> float:
             side = vibrations.sides_at(frequency)[:, 0]
-            return -float(abs(row @ vibrations.vibration.at(frequency).solved(side) + base_part))
+            return -float(
+                abs(row @ vibrations.vibration.at_frequency(frequency).solved(side) + base_part)
+            )
 
         def slope(frequency: float) -> float:
             motion, adjoints = vibrations.solved(frequency)

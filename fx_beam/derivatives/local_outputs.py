@@ -12,8 +12,8 @@ from fx_beam.laws.interval import StepBatch
 from fx_beam.scene.measured import Measured, Read, Slope
 from fx_beam.step.model import Model
 
-from .gradient import Block, Chosen, of_entries
-from .row_output import Needs, Places, RowOutput, numbers_of_output
+from .gradient import Chosen, DerivativeBlock, of_entries
+from .row_output import Needs, RowOutput, RowPlaces, numbers_of_output
 
 #: Forces in steps, at the start, and of rates that fit, by the names of arrays in `State`.
 _FORCES = {
@@ -32,7 +32,7 @@ class LocalOutput(RowOutput):
     Rates that fit the joints are "rates" of the states.
     """
 
-    def __init__(self, places: Places, name: str, measured: Measured):
+    def __init__(self, places: RowPlaces, name: str, measured: Measured):
         super().__init__(places, name, measured)
         sub_steps, self._model = self._sub_steps, self._sub_steps.model
         self._rates, self._name = sub_steps.rates, name
@@ -59,11 +59,13 @@ class LocalOutput(RowOutput):
             return [Slope("rates of slides", np.array([joint.number]), np.ones((1, 1, 1)))]
         return measured.slopes(read, counted)
 
-    def blocks(self, rows: np.ndarray) -> list[Block]:
+    def blocks(self, rows: np.ndarray) -> list[DerivativeBlock]:
         """Derivatives of the output, in all rows."""
         return self._blocks
 
-    def _blocks_of(self, array: str, entries: np.ndarray, slopes: np.ndarray) -> Iterator[Block]:
+    def _blocks_of(
+        self, array: str, entries: np.ndarray, slopes: np.ndarray
+    ) -> Iterator[DerivativeBlock]:
         """Derivatives (n, components, e) by entries of states, forces and numbers."""
         if (columns := self._model.force_columns.get(array)) is not None:
             columns = columns.reshape(-1)[entries]
@@ -92,7 +94,7 @@ class LocalOutput(RowOutput):
         slopes: np.ndarray,
         places: np.ndarray | None = None,
         factors: np.ndarray | None = None,
-    ) -> Iterator[Block]:
+    ) -> Iterator[DerivativeBlock]:
         """Derivatives in rows (k,): those of each are in `slopes`, or are the same in all."""
         n, count, width = slopes.shape
         if not (len(rows) and width):
@@ -104,16 +106,18 @@ class LocalOutput(RowOutput):
         are_entries = n == 1 and np.array_equal(slopes[0], _UNITS[:count, :count])
         if are_entries or count == width == 1:
             parts = np.arange(count)  # each component by its own entry
-            yield Block(name, entries, rows, values[:, parts, parts], places, parts)
+            yield DerivativeBlock(name, entries, rows, values[:, parts, parts], places, parts)
             return
         for part in range(count):
-            yield Block(name, entries, rows, values[:, part], places, part)
+            yield DerivativeBlock(name, entries, rows, values[:, part], places, part)
 
     def _at(self, name: str, entries: np.ndarray) -> np.ndarray:
         known = self._places.entries.get(name)
         return entries if known is None else np.searchsorted(known, entries)
 
-    def _change(self, name: str, entries: np.ndarray, slopes: np.ndarray) -> Iterator[Block]:
+    def _change(
+        self, name: str, entries: np.ndarray, slopes: np.ndarray
+    ) -> Iterator[DerivativeBlock]:
         """The change over the steps, by their lengths."""
         places, rows = self._places, self._places.moved
         entries, rate_factor = self._at(name, entries), 1 / places.steps.lengths[rows]
@@ -122,7 +126,7 @@ class LocalOutput(RowOutput):
 
     def _force(
         self, name: str, at_start: str, impulse: str, entries: np.ndarray, slopes: np.ndarray
-    ) -> Iterator[Block]:
+    ) -> Iterator[DerivativeBlock]:
         """A mean force over the steps, with what rates that fit add to it."""
         steps, forces = self._places.steps, self._places.forces
         yield from self._blocks_at(name, entries, steps.of, slopes, forces, steps.shares)
@@ -136,7 +140,7 @@ class ResultantOutput(RowOutput):
 
     record = "rates"  # on which they may depend
 
-    def __init__(self, places: Places, name: str, measured: Measured):
+    def __init__(self, places: RowPlaces, name: str, measured: Measured):
         super().__init__(places, name, measured)
         model = self._sub_steps.model
         assert model.forms.beams is not None
@@ -152,7 +156,7 @@ class ResultantOutput(RowOutput):
         """As of `RowOutput`."""
         return Needs(steps=True, whole=True)
 
-    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+    def blocks(self, rows: np.ndarray) -> Iterator[DerivativeBlock]:
         """As of `RowOutput`."""
         sub_steps, counting = self._sub_steps, np.flatnonzero(np.isin(self._rows, rows))
         for group in sub_steps.groups(counting):
@@ -160,7 +164,7 @@ class ResultantOutput(RowOutput):
             steps = self._steps[chosen]
             yield from sub_steps.in_steps(steps, self._by_fields(chosen, sub_steps.parts(steps)))
 
-    def _by_fields(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[Block]:
+    def _by_fields(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[DerivativeBlock]:
         """Derivatives by what forms read of some sub-steps."""
         rows, shares, cells = self._rows[chosen], self._shares[chosen, None], self._cells
         beams, has_places = BeamSlopes(self._beams), self._sub_steps.has_places
@@ -171,11 +175,13 @@ class ResultantOutput(RowOutput):
             if name == "parameters":  # which all elements share
                 for (point, k), component in np.ndenumerate(components):
                     values = shares * slopes[point, :, :, k].T
-                    yield Block(name, entries[k], rows, values, part=int(component))
+                    yield DerivativeBlock(name, entries[k], rows, values, part=int(component))
                 continue
             for point, number in np.ndindex(slopes.shape[:2]):
                 values, cell_entries = shares * slopes[point, number], _evenly(entries[:, number])
-                yield Block(name, cell_entries, rows, values, part=_evenly(components[point]))
+                yield DerivativeBlock(
+                    name, cell_entries, rows, values, part=_evenly(components[point])
+                )
 
 
 def _evenly(entries: np.ndarray) -> Chosen:
@@ -188,7 +194,7 @@ def _evenly(entries: np.ndarray) -> Chosen:
 class LineOutput(RowOutput):
     """Quantities of the laws of a line: its force or energy."""
 
-    def __init__(self, places: Places, name: str, measured: Measured):
+    def __init__(self, places: RowPlaces, name: str, measured: Measured):
         super().__init__(places, name, measured)
         self._line, self._law = measured.place.number, measured.law_quantity
         self._values = PointValues(self._sub_steps.model.points, self._law, self._line)
@@ -202,7 +208,7 @@ class PullOutput(LineOutput):
         """As of `RowOutput`."""
         return super().needs(model, measured)._replace(steps=True)
 
-    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+    def blocks(self, rows: np.ndarray) -> Iterator[DerivativeBlock]:
         """As of `RowOutput`."""
         sub_steps, places = self._sub_steps, self._places
         steps = places.steps
@@ -212,7 +218,7 @@ class PullOutput(LineOutput):
             row_numbers, shares = steps.of[which], steps.shares[which, None]
             numbers = steps.sub_steps[which]
             blocks = (
-                Block(name, entries, row_numbers, shares * slopes)
+                DerivativeBlock(name, entries, row_numbers, shares * slopes)
                 for name, entries, slopes in self._values.slopes(sub_steps.point_steps(numbers))
             )
             yield from sub_steps.in_steps(numbers, blocks)
@@ -223,17 +229,17 @@ class PullOutput(LineOutput):
 class LineEnergyOutput(LineOutput):
     """The "energy" that a line stores, at the rows (n,) of a run."""
 
-    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+    def blocks(self, rows: np.ndarray) -> Iterator[DerivativeBlock]:
         """As of `RowOutput`."""
         sub_steps = self._sub_steps
         boundaries = sub_steps.boundaries[self._places.ends[rows]]
         for group in sub_steps.groups(boundaries):
-            states = sub_steps.at(numbers := boundaries[group])
+            states = sub_steps.states_at(numbers := boundaries[group])
             arrays = {name: states[name] for name in ("q", "parameters") if name in states}
             ones, internal = np.ones(len(numbers)), states["spring internal"]
             steps = StepBatch(0 * ones, ones, spring_internal=internal, **arrays)
             blocks = (
-                Block(name, entries, rows[group], slopes)
+                DerivativeBlock(name, entries, rows[group], slopes)
                 for name, entries, slopes in self._values.slopes(steps)
             )
             yield from sub_steps.at_states(numbers, blocks)

@@ -18,7 +18,7 @@ from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 
 from .gradient import Chosen
-from .parametrised import OfParameters, Parametrised, one_call
+from .parametrised import ParameterFunction, Parametrised, one_call
 from .tangent_analysis import TangentAnalysis
 from .tangent_derivatives import Pairs
 
@@ -58,7 +58,7 @@ def _read(built: Scene) -> tuple[Scene, None]:
     return built, None
 
 
-class ModalResponse(OfParameters):
+class ModalResponse(ParameterFunction):
     r"""Natural frequencies of a scene as a function of parameters.
 
     ``w = run(x)`` builds the scene of the parameters x and computes its lowest modes, as `modes`
@@ -165,7 +165,7 @@ class ModalResponse(OfParameters):
             `Modes.angular_frequencies`; fewer than n if the scene has fewer. With `damped` (n, 2),
             in the second column damping ratios.
         """
-        values = self._parameters.begin(x)
+        values = self._parameters.check_x(x)
         self._linear = linear = self._tangent.run(values)
         if not linear.has_potential:
             raise SceneError(
@@ -358,7 +358,7 @@ class ModalResponse(OfParameters):
 def _left_vector(pencil: DampedPencil, root: complex, x: np.ndarray) -> np.ndarray:
     """The left vector of a mode, by inverse iteration at its root; x is the right one."""
     s = root * (1 + _BESIDE)
-    factors = pencil.at(s)
+    factors = pencil.matrix_at(s)
     left = np.conj(x)
     for _ in range(_ITERATIONS):
         left = factors.solve(left, "T")

@@ -18,7 +18,7 @@ from fx_beam.motions.initial_state import rates_with_slopes
 from fx_beam.motions.motion_series import MotionSeries
 from fx_beam.motions.numbers import numbers_in_steps, numbers_of_state, observed_numbers_of
 from fx_beam.motions.options import Options
-from fx_beam.motions.prepared import Prepared
+from fx_beam.motions.prepared import MotionSetup
 from fx_beam.motions.run import Run
 from fx_beam.results.records import stats_unchanged
 from fx_beam.results.solution import Solution
@@ -90,7 +90,7 @@ class MotionAnalysis(Analysis):
 
     def _begun(self, x: Any) -> Run:
         """A run of the scene of x that is to take its steps."""
-        scene = self.parameters.take(x)
+        scene = self.parameters.build_and_keep(x)
         if not (keys := node_keys(self.outputs)) or keys != self._keys:
             self._set_outputs(keys)
         start, old, self._last_run = self._start_of(scene), self._last_run, None
@@ -130,7 +130,7 @@ class MotionAnalysis(Analysis):
             self.path = path
         return solution
 
-    def followed(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
+    def tape_of_last_run(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
         """As of `Analysis`."""
         series = self._series
         prepared, tape = series.prepared, series.tape
@@ -168,7 +168,7 @@ class MotionAnalysis(Analysis):
 
     def _accelerations_by_x(self, first: float) -> np.ndarray | None:
         """Changes (m, size) of those at the start, by a very short step; None if not from rest."""
-        (model, _, derivatives), prepared = self.followed("vjp"), self._series.prepared
+        (model, _, derivatives), prepared = self.tape_of_last_run("vjp"), self._series.prepared
         moving = model.scene.velocities, model.couplings.driven, self._start is not None
         other_steps = self._options.tolerance is not None or len(model.scheme.fractions) > 1
         # Round-off of the rates of natural strains would be large in such a step.
@@ -188,7 +188,7 @@ class MotionAnalysis(Analysis):
 
     def _numbers_of_steps(
         self, tape: Tape, first: float, start: Any, at_start: bool, scene: Scene, change: Any
-    ) -> tuple[Prepared, State, dict[str, Any]]:
+    ) -> tuple[MotionSetup, State, dict[str, Any]]:
         """Another scene, prepared, with its first state; numbers of the steps and of this state."""
         base, t0 = self.parameters.scene, tape.times.starts
         other = prepared_for(self._series, self._options, base, scene, change)
@@ -200,7 +200,7 @@ class MotionAnalysis(Analysis):
                 raise TypeError("a start that is found by a step has no slopes")
             state = other.first_state(first, start_state, at_start)
         else:
-            state = other.state_from(start.at(data, floats(change)), first, at_start)
+            state = other.state_from(start.equilibrium_at(data, floats(change)), first, at_start)
         numbers: dict[str, Any] = numbers_in_steps(model, data, state, t0, t1)
         if self._start is None and isinstance(change, Dual):
             if model.data.natural:
@@ -209,7 +209,7 @@ class MotionAnalysis(Analysis):
                 model, other.forcing, state, first, numbers, change.count
             )
         if start is not None and isinstance(change, Dual):
-            for name, values in numbers_of_state(data, start.at(data, change)).items():
+            for name, values in numbers_of_state(data, start.equilibrium_at(data, change)).items():
                 if isinstance(values, Dual):
                     numbers[name] = Dual(floats(numbers[name]), values.slopes)
         return other, state, numbers
@@ -240,7 +240,7 @@ class MotionAnalysis(Analysis):
 
 def prepared_for(
     series: MotionSeries, options: Options, base: Scene, scene: Scene, change: Any
-) -> Prepared:
+) -> MotionSetup:
     """Prepared motion as of a base, with the numbers of another scene, but no loop.
 
     Of the base it is that of the motion, if it has slopes.

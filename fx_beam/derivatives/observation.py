@@ -15,14 +15,14 @@ from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model, fact, sizes_of
-from fx_beam.step.sub_step_times import Steps
+from fx_beam.step.sub_step_times import WholeSteps
 from fx_beam.step.tape import Tape
 
 from .energy_outputs import check_work
 from .gradient import Gradient
 from .local_outputs import LocalOutput
 from .output_kinds import kind_of, needs_of
-from .row_output import Places
+from .row_output import RowPlaces
 from .sub_steps import SubSteps
 
 #: Outputs by name.
@@ -30,7 +30,7 @@ Outputs = Mapping[str, Measured]
 # Rates that fit the joints, and the impulses that make them fit, by their names as states.
 _FITTED = "rates", "rates of slides", "impulses of joints", "impulses of columns"
 # Where no output needs the steps that end in its rows.
-_NO_STEPS = Steps(*[np.empty(0, dtype=int)] * 5)
+_NO_STEPS = WholeSteps(*[np.empty(0, dtype=int)] * 5)
 
 
 def check_outputs(model: Model, tape: Tape, outputs: Outputs, start: Mapping[str, str]) -> None:
@@ -109,7 +109,9 @@ class Observation:
         starts = np.searchsorted(self.boundaries, steps.starts)
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
         rows = np.flatnonzero(boundaries), np.flatnonzero(boundaries == 0)
-        places = Places(sub_steps, numbers, ends, starts, *rows, steps, forces_at, entries, forces)
+        places = RowPlaces(
+            sub_steps, numbers, ends, starts, *rows, steps, forces_at, entries, forces
+        )
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
         if model.fits_rates and needs.rates:
@@ -147,11 +149,11 @@ class Observation:
         if self._fit is not None:
             all_entries = slice(None)
             state_slopes, shape_slopes = self._fit.vjp(
-                {name: gradient.at(name) for name in _FITTED}
+                {name: gradient.derivative_by(name) for name in _FITTED}
             )
             driven = state_slopes.pop("driven rates")
             for name, values in state_slopes.items():
-                gradient.at(name)[:] += values
+                gradient.derivative_by(name)[:] += values
             for name, values in shape_slopes.items():
                 gradient.add(name, all_entries, None, values.reshape(1, -1))
             gradient.add("driven rates", all_entries, self.boundaries, driven)

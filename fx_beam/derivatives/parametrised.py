@@ -17,7 +17,7 @@ from fx_beam.results.records import Stats
 from fx_beam.scene.functions import ArrayCalls
 from fx_beam.scene.scene import Scene
 
-from .built_scenes import BuiltScenes, NumbersOf
+from .built_scenes import NumbersOf, SceneGradient
 from .gradient import DualArrays
 
 _Method = TypeVar("_Method", bound=Callable)
@@ -72,9 +72,9 @@ class Parametrised(Generic[_Besides]):
         self.scene: Scene
         self.besides: Any = None
         self.stats: Stats
-        self.scenes = BuiltScenes(lambda x: self.at(x)[0])
+        self.scenes = SceneGradient(lambda x: self.build_at(x)[0])
 
-    def begin(self, x: ArrayLike) -> np.ndarray:
+    def check_x(self, x: ArrayLike) -> np.ndarray:
         """The parameters of a call, which are checked; there are none until it succeeds."""
         self.x = np.empty(0)
         values = real_array(x)
@@ -82,16 +82,16 @@ class Parametrised(Generic[_Besides]):
         require(is_right, "Response: x", x, "a sequence of finite numbers")
         return values
 
-    def at(self, x: np.ndarray | Dual, *extra: float) -> tuple[Scene, _Besides]:
+    def build_at(self, x: np.ndarray | Dual, *extra: float) -> tuple[Scene, _Besides]:
         """The scene that `build` makes of a copy of x, and the rest of its result."""
         own_x = x if isinstance(x, Dual) else x.copy()
         scene, besides = self._built(own_x, *(extra or self.more))
         scene.array_calls, self._last = self.array_calls, (scene, besides)
         return scene, besides
 
-    def take(self, x: np.ndarray | Dual) -> Scene:
+    def build_and_keep(self, x: np.ndarray | Dual) -> Scene:
         """Take the scene of x as that of this call."""
-        self.scene, self.besides = self.at(x)
+        self.scene, self.besides = self.build_at(x)
         return self.scene
 
     def derivatives(self, numbers_of: NumbersOf) -> dict[str, np.ndarray]:
@@ -108,7 +108,7 @@ class Parametrised(Generic[_Besides]):
         return changes
 
 
-class OfParameters:
+class ParameterFunction:
     """A function of parameters x; copies know of no call.
 
     The first thread that calls it has this object as its state, each other one a copy of its own.

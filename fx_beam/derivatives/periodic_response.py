@@ -158,15 +158,15 @@ class PeriodicAnalysis(Analysis):
         """Times and outputs of the motion for parameters."""
         parameters, self._period_derivatives = self.parameters, None
         # The motion computes its rows when they are read, perhaps after a call for another x.
-        self._scene_of = lambda frequency: parameters.at(x, frequency)[0]
-        source = self._scene_of if self._finds_frequency else parameters.take(x)
+        self._scene_of = lambda frequency: parameters.build_at(x, frequency)[0]
+        source = self._scene_of if self._finds_frequency else parameters.build_and_keep(x)
         self.motion = motion = self._motion_of(source)
         is_motion = isinstance(motion, PeriodicMotion)
         require(is_motion, f"{WHAT}: motion", motion, "a PeriodicMotion")
         cycle = motion.cycle
         if self._finds_frequency:
             parameters.more = (cycle.period.parameter,)
-            parameters.take(x)
+            parameters.build_and_keep(x)
         self._shooting = Shooting(parameters.scene, cycle.options, self._series.prepare)
         ok = len(cycle.period.start.q) == self._shooting.model.size
         require(ok, f"{WHAT}: motion", motion, "that of the scene, or of the build, given")
@@ -233,7 +233,7 @@ class PeriodicAnalysis(Analysis):
         derivatives.lay()
         return {name: rows[..., None] * derivatives.period for name, rows in slopes.items()}
 
-    def followed(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
+    def tape_of_last_run(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
         """As of `Analysis`."""
         shooting = self._shooting
         return shooting.model, shooting.tape, shooting.derivatives

@@ -40,7 +40,7 @@ from .motion_analysis import MotionAnalysis
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, Outputs, check_outputs, read_entries, summed
 from .output_values import Wanted, is_at_node
-from .parametrised import OfParameters, Parametrised, one_call
+from .parametrised import ParameterFunction, Parametrised, one_call
 from .short_reversals import warn_of_short_reversals
 from .static_derivatives import why_no_sums
 
@@ -60,7 +60,7 @@ Rows = tuple[np.ndarray, dict[str, np.ndarray]]
 Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 
 
-class Response(OfParameters):
+class Response(ParameterFunction):
     """The motion of a scene as a function of parameters.
 
     ``t, y = run(x)`` builds the scene of the parameters x and simulates it. The first call sets the
@@ -228,7 +228,7 @@ class Response(OfParameters):
         y : dict of (n, ...) float
             The outputs by name.
         """
-        values, self._changes = self._parameters.begin(x), None
+        values, self._changes = self._parameters.check_x(x), None
         t, y = self._analysis.run(values)
         self._shapes = {name: rows.shape for name, rows in y.items()}
         self._parameters.x = values
@@ -487,7 +487,7 @@ class Response(OfParameters):
 
         Also a function that observes outputs at boundaries, and the only entries that it reads.
         """
-        model, tape, derivatives = self._analysis.followed(method)
+        model, tape, derivatives = self._analysis.tape_of_last_run(method)
         check_outputs(model, tape, outputs, why_no_sums(self._analysis.path))
         if self._changes is None:
             self._changes = self._analysis.changes()

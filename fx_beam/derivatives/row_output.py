@@ -15,9 +15,9 @@ from fx_beam.scene.measured import Measured, numbers_of
 from fx_beam.scene.outputs import STRESSES, Output, is_section_force, section_weights
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
-from fx_beam.step.sub_step_times import Steps
+from fx_beam.step.sub_step_times import WholeSteps
 
-from .gradient import Block, Gradient, jvp, vjp
+from .gradient import DerivativeBlock, Gradient, jvp, vjp
 from .sub_steps import SubSteps
 
 
@@ -61,7 +61,7 @@ class Needs(NamedTuple):
     whole: bool = False
 
 
-class Places(NamedTuple):
+class RowPlaces(NamedTuple):
     """Places of the rows of outputs among the states of a run, and what is known of it."""
 
     sub_steps: SubSteps
@@ -74,7 +74,7 @@ class Places(NamedTuple):
     moved: np.ndarray
     at_start: np.ndarray
     #: Those steps, and the places of their sub-steps among those of the forces.
-    steps: Steps
+    steps: WholeSteps
     forces: np.ndarray
     #: The only entries that the states have, by name; empty if they have all.
     entries: Arrays
@@ -98,7 +98,7 @@ class RowOutput:
     #: Whether it adds up over the steps since the start.
     is_sum = False
 
-    def __init__(self, places: Places, name: str, measured: Measured):
+    def __init__(self, places: RowPlaces, name: str, measured: Measured):
         self._sub_steps, self._places = places.sub_steps, places
 
     @classmethod
@@ -114,7 +114,7 @@ class RowOutput:
         start = record == "forces" or measured.quantity.of == "a"
         return Needs(rates=record in ("rates", "forces"), start=start)
 
-    def blocks(self, rows: np.ndarray) -> Iterable[Block]:
+    def blocks(self, rows: np.ndarray) -> Iterable[DerivativeBlock]:
         """Its derivatives in some of the rows, or in all."""
         raise NotImplementedError
 

@@ -14,7 +14,7 @@ from fx_beam.fem.mass import masses_of_points
 from fx_beam.laws.interval import StepBatch, just_inside
 from fx_beam.motions.element_balance import ElementLoads, components, directions
 from fx_beam.motions.numbers import OF_OUTPUT
-from fx_beam.results.section_forces import AT_NODE, Balance
+from fx_beam.results.section_forces import AT_NODE, BeamBalance
 from fx_beam.scene.beam import BeamPlace, lagrange
 from fx_beam.scene.loads import Load
 from fx_beam.scene.measured import Measured
@@ -24,8 +24,8 @@ from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
-from .gradient import Block, DualArrays, of_names, of_rows
-from .row_output import Needs, Places, RowOutput, numbers_of_output
+from .gradient import DerivativeBlock, DualArrays, of_names, of_rows
+from .row_output import Needs, RowOutput, RowPlaces, numbers_of_output
 
 # Numbers of a section force: masses (points,) at Gauss points of its element; directions (2 + m,)
 # at its ends and where m forces and couples act inside; these (sub-steps + 1, m, 3), and dead loads
@@ -126,7 +126,7 @@ def _shares(component: int, degree: int, x: float, h: float, inside: np.ndarray)
     gauss = np.zeros((len(units), degree, 3))
     gauss[..., component] = units[:, first:]
     ends, jumps = units[:, :6].reshape(-1, 1, 2, 3), units[:, 6:first].reshape(len(units), -1, 3)
-    balance = Balance(np.array([0.0, h]), ends, inside * h, jumps)
+    balance = BeamBalance(np.array([0.0, h]), ends, inside * h, jumps)
     return balance.in_elements(gauss, np.array([x]), AT_NODE * h)[component].ravel()
 
 
@@ -163,7 +163,7 @@ class SectionOutput(RowOutput):
 
     record = "rates"
 
-    def __init__(self, places: Places, name: str, measured: Measured):
+    def __init__(self, places: RowPlaces, name: str, measured: Measured):
         super().__init__(places, name, measured)
         self._name, model = name, self._sub_steps.model
         assert model.forms.beams is not None
@@ -278,13 +278,13 @@ class SectionOutput(RowOutput):
                 parts = parts._replace(load_factor=tape.memories[self._steps[numbers]])
             yield numbers, parts
 
-    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+    def blocks(self, rows: np.ndarray) -> Iterator[DerivativeBlock]:
         """Derivatives of the output in some of the rows."""
         for chosen, parts in self._batches(np.flatnonzero(np.isin(self._rows, rows))):
             yield from self._of_steps(chosen, parts)
         yield from self._row_blocks
 
-    def _of_steps(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[Block]:
+    def _of_steps(self, chosen: np.ndarray, parts: StepBatch) -> Iterator[DerivativeBlock]:
         """By what forms read of some sub-steps, and by dead loads in them."""
         sub_steps, element = self._sub_steps, self._element
         steps, rows, shares = self._steps[chosen], self._rows[chosen], self._shares[chosen, None]
@@ -297,7 +297,7 @@ class SectionOutput(RowOutput):
             blocks = beams.resultants(parts, sub_steps.has_places, k)
             for name, entries, point_values in blocks:
                 values = self._gauss_slopes[:, k] @ point_values[:, element.cell]
-                block = Block(name, entries[element.cell], rows, shares * values)
+                block = DerivativeBlock(name, entries[element.cell], rows, shares * values)
                 yield from sub_steps.in_steps(steps, [block])
         for name, factor in (("increment", model.scheme.rates.level), ("start", 1.0)):
             turned = by_name.setdefault(name, np.zeros((len(chosen), model.size)))
@@ -308,12 +308,12 @@ class SectionOutput(RowOutput):
         yield of_rows(self._number(_DEAD), rows, -weights, loads)
         yield of_rows(self._number(_INSIDE), rows, shares * self._inside_slopes[rows], loads)
 
-    def _by_accelerations(self, slopes: np.ndarray) -> Iterator[Block]:
+    def _by_accelerations(self, slopes: np.ndarray) -> Iterator[DerivativeBlock]:
         """By rates and accelerations at the start, from derivatives (n, width) by means."""
         places, moved = self._places, self._places.moved
         dofs, rates = self._element.dofs, self._sub_steps.rates
         rate_slopes = slopes[moved] / places.steps.lengths[moved, None]
         for states, sign in ((places.ends, 1.0), (places.starts, -1.0)):
-            yield Block(rates, dofs, moved, sign * rate_slopes, states[moved])
+            yield DerivativeBlock(rates, dofs, moved, sign * rate_slopes, states[moved])
         if len(places.at_start):
-            yield Block("a", dofs, places.at_start, slopes[places.at_start])
+            yield DerivativeBlock("a", dofs, places.at_start, slopes[places.at_start])

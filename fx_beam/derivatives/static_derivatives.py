@@ -11,7 +11,7 @@ import numpy as np
 from fx_beam.dual import Dual, MaybeDual, floats
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
-from fx_beam.fem.scene_data import Data
+from fx_beam.fem.scene_data import SceneArrays
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.numbers import static_numbers_of
 from fx_beam.results.state import State
@@ -49,7 +49,7 @@ def why_not(path: LoadPath) -> str:
         )
     variables = [values for values in (first.internal, first.spring_internal) if values is not None]
     if first.spring_internal is not None:  # forces that friction follows are no states
-        variables[-1] = np.delete(first.spring_internal, model.points.followed)
+        variables[-1] = np.delete(first.spring_internal, model.points.normal_forces)
     if any(abs(values).max(initial=0.0) > _ROUNDING for values in variables):
         return "springs are under tension, and change internal variables before the loads act"
     return ""
@@ -166,7 +166,7 @@ class StateChange:
         #: Those of the configuration (m, size).
         self.node_changes = changes["q"]
 
-    def at(self, data: Data, change: MaybeDual) -> State:
+    def equilibrium_at(self, data: SceneArrays, change: MaybeDual) -> State:
         """The equilibrium with a change of the numbers (m,), for those of a scene.
 
         It has slopes if the change has.

@@ -164,12 +164,12 @@ class StaticAnalysis(Analysis):
 
     def run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Load factors and outputs for parameters."""
-        scene = self.parameters.take(x)
+        scene = self.parameters.build_and_keep(x)
         self._path = LoadPath(scene, self._options, None)
         self._load_steps = self._critical = None
         # Beyond a critical point a path is unstable.
         self._path.warns = all(measured.name != CRITICAL_LOAD for measured in self.measured)
-        self._solution = solution = self._path.followed()
+        self._solution = solution = self._path.whole_path()
         self.parameters.stats, self.t = solution.stats, solution.t
         return solution.load_factor, self.read(solution)
 
@@ -182,7 +182,7 @@ class StaticAnalysis(Analysis):
         """The first critical point of the last call."""
         if self._critical is None:
             point, parameters = first_critical_point(self._solution), self.parameters
-            self._point.take(point, parameters.scene, parameters.derivatives, self._path.held)
+            self._point.set_point(point, parameters.scene, parameters.derivatives, self._path.held)
             self._critical = self._point
         return self._critical
 
@@ -190,7 +190,7 @@ class StaticAnalysis(Analysis):
         self._load_steps = self._load_steps or StaticDerivatives(self._path)
         return self._load_steps
 
-    def followed(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
+    def tape_of_last_run(self, method: str) -> tuple[Model, Tape, TapeDerivatives]:
         """As of `Analysis`."""
         steps = self._steps()
         return steps.model, steps.tape, steps.derivatives

@@ -13,7 +13,7 @@ from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
-from .gradient import Block
+from .gradient import DerivativeBlock
 
 # Arrays that forms read at the starts of sub-steps.
 _AT_START = "q", "v", "slides", "natural", "internal", "spring internal"
@@ -51,7 +51,7 @@ class SubSteps:
             times = tape.times
             rows = parameters.signals.over_steps(times.starts, times.ends, self._level)
             self._parameters = floats(rows)
-            self._start_parameters = parameters.at(float(times.starts[0]))[None]
+            self._start_parameters = parameters.values_at(float(times.starts[0]))[None]
         # Length of the short step for the resultants at the start [s], and 1 if these, or all
         # forces of elements that are wanted, depend on rates, else 0.
         self._short, beams = INSTANT * tape.times.first_length, model.forms.beams
@@ -75,7 +75,7 @@ class SubSteps:
         first = np.maximum(steps, 0)
         return np.searchsorted(self.boundaries, [first, first + 1, np.maximum(first - 1, 0)])
 
-    def at(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
+    def states_at(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
         """States (k, ...) by name, with the parameters at their times."""
         places = np.searchsorted(self.boundaries, boundaries)
         rows = {name: values[places] for name, values in self.states.items()}
@@ -129,7 +129,9 @@ class SubSteps:
         first = (steps == 0) & self.model.forms.needs_previous
         return filter(len, map(np.flatnonzero, (steps < 0, first, (steps >= 0) & ~first)))
 
-    def at_states(self, boundaries: np.ndarray, blocks: Iterable[Block]) -> Iterator[Block]:
+    def at_states(
+        self, boundaries: np.ndarray, blocks: Iterable[DerivativeBlock]
+    ) -> Iterator[DerivativeBlock]:
         """Blocks, from those by what `at` gives, and by numbers of the scene."""
         places = np.searchsorted(self.boundaries, boundaries)
         count = len(self.model.forms.parameters)
@@ -143,7 +145,9 @@ class SubSteps:
                 part = block._replace(name=name, entries=entries, places=steps)
                 yield part._replace(rows=part.rows[which], derivatives=part.derivatives[which])
 
-    def in_steps(self, steps: np.ndarray, blocks: Iterable[Block]) -> Iterator[Block]:
+    def in_steps(
+        self, steps: np.ndarray, blocks: Iterable[DerivativeBlock]
+    ) -> Iterator[DerivativeBlock]:
         """Blocks, from those by what forms read of sub-steps, or of the start."""
         sources = self._sources(steps)
         for block in blocks:

@@ -59,7 +59,7 @@ class TangentAnalysis:
         return self.linear
 
     def _linearised(self, x: np.ndarray | Dual) -> Linearisation:
-        scene = self.parameters.take(x)
+        scene = self.parameters.build_and_keep(x)
         self._end = self._state and self._state(scene)
         self._path = path_of(self._end, scene)
         is_static = self._state is None or self._path is not None
@@ -75,7 +75,7 @@ class TangentAnalysis:
     def changes(self) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of all numbers of the last call."""
         if self._changes is None:
-            self._tangent.begin(self.linear, self._end, self._damped)
+            self._tangent.set_state(self.linear, self._end, self._damped)
             start: StateChange | None = None
             derivatives = self.parameters.derivatives
             if self._path is not None and self.linear.model.kinks.flows:
@@ -86,5 +86,5 @@ class TangentAnalysis:
     def of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
         """Derivatives (s, m) of real parts of weights (s, n) times sums; `changes` comes before."""
         assert self._changes is not None
-        self._tangent.take(self._changes, self.parameters.scenes.changing)
+        self._tangent.set_changes(self._changes, self.parameters.scenes.changing)
         return self._tangent.of_sums(pairs, weights)

@@ -22,14 +22,14 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model, data_of
 from fx_beam.step.sparse_lu import pivoted_lu
-from fx_beam.step.tables import Problem
+from fx_beam.step.tables import ProblemInC
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others
 from .energy_outputs import by_mass_entries
 from .gradient import along as linear_change
 from .static_derivatives import StateChange
-from .tangent_steps import Steps, TangentSteps
+from .tangent_steps import DirectionSteps, TangentSteps
 
 # Numbers of a state that follow from the load steps before, where something flows.
 _OF_STATE = {"q", "slides", "internal", "spring internal"}
@@ -90,12 +90,14 @@ class TangentDerivatives:
     def __init__(self, caller: str):
         self._what = caller
         # The last problem of steps, and their derivatives.
-        self._problem: Problem | None = None
+        self._problem: ProblemInC | None = None
         self._derivatives: TapeDerivatives
         #: Changes (m, ...) of the numbers by x.
         self.changes: Arrays
 
-    def begin(self, linear: Linearisation, state: Solution | None, damped: bool = False) -> None:
+    def set_state(
+        self, linear: Linearisation, state: Solution | None, damped: bool = False
+    ) -> None:
         """Take the tangent about a state, or about the reference."""
         if friction_sticks(linear.model.forms.compiled_points, linear.start.q, linear.start.slides):
             raise SceneError(f"{self._what}: no derivatives: friction that sticks has none")
@@ -114,7 +116,7 @@ class TangentDerivatives:
             self._derivatives = TapeDerivatives(problem)
         self._problem = problem
 
-    def take(self, changes: Arrays, changing: Set[str]) -> None:
+    def set_changes(self, changes: Arrays, changing: Set[str]) -> None:
         """Take changes (m, ...) of the numbers by x; those not `changing` are zero."""
         refuse_others(changes, self._derivatives.names, self._what)
         self.changes = changes
@@ -140,7 +142,7 @@ class TangentDerivatives:
         if self._steps.damped and data.natural:
             numbers["natural"] = self._factor * data.natural.numbers_at(forcing.time)
         if start is not None and change is not None:
-            state_numbers = numbers_of_state(data, start.at(data, change))
+            state_numbers = numbers_of_state(data, start.equilibrium_at(data, change))
             numbers |= {name: state_numbers[name] for name in _OF_STATE & state_numbers.keys()}
         return numbers
 
@@ -166,7 +168,7 @@ class TangentDerivatives:
             return (weights @ self._forwards(motions)).real
         sums = np.zeros((len(weights), len(self.changes["X"])))
         for row, sum_weights in zip(sums, weights, strict=True):
-            number_slopes, state_slopes = self.followed(motions, sum_weights)
+            number_slopes, state_slopes = self.sum_derivatives(motions, sum_weights)
             row += self.by_x(number_slopes)
             if self._state_follows:  # dy/dx = -K^-1 r_x
                 (force_weights,) = self._solved(self._linear.K.T, state_slopes[None])
@@ -204,7 +206,7 @@ class TangentDerivatives:
             directions, times = np.vstack([right, left]), np.append(times, times[pairs.owner])
         return _Terms(directions, times, pairs.owner, k * left, c * left, masses, ends)
 
-    def followed(
+    def sum_derivatives(
         self, terms: _Terms, weights: np.ndarray, curved: bool = False
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Derivatives by numbers, and by the state, of the real part of weights (n,) times sums.
@@ -277,7 +279,7 @@ class TangentDerivatives:
         return self._backwards(step, weights[None], none)[0]
 
     def _pushed(
-        self, steps: Steps, state_changes: np.ndarray | None
+        self, steps: DirectionSteps, state_changes: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Changes (rows, m, ...) of residuals and ends of steps, with all numbers and the state."""
         tape = self._steps.tape(steps)
@@ -286,7 +288,7 @@ class TangentDerivatives:
         )
 
     def _backwards(
-        self, steps: Steps, weights: np.ndarray, end_weights: np.ndarray
+        self, steps: DirectionSteps, weights: np.ndarray, end_weights: np.ndarray
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Derivatives of weighted residuals and ends of steps, by numbers and by the state.
 

@@ -11,7 +11,7 @@ from fx_beam.linear.linearisation import Linearisation
 from fx_beam.scene.law import switches
 from fx_beam.scene.structure import expressions_of
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.tables import Problem, problem_of
+from fx_beam.step.tables import ProblemInC, problem_of
 from fx_beam.step.tangent_storage import ProblemKind
 from fx_beam.step.tape import Tape, repeated, static_tape
 
@@ -35,7 +35,7 @@ _IN_PIECES, _FUNCTIONS = 1e-6, {"strain_energy", "force", "virtual work"}
 _NEAREST, _ON_ELEMENT = 1e-8, 1e-5
 
 
-class Steps(NamedTuple):
+class DirectionSteps(NamedTuple):
     """Steps from the state: increments (k, free), lengths (k,) [s] and load factors (k,).
 
     And the number (k,) of the row [length][direction] of each, and its share of that.
@@ -55,7 +55,7 @@ class TangentSteps:
     """
 
     def __init__(
-        self, linear: Linearisation, factor: float, damped: bool, last: Problem | None = None
+        self, linear: Linearisation, factor: float, damped: bool, last: ProblemInC | None = None
     ):
         self._linear, self._start, self._factor = linear, linear.start, factor
         #: Sizes (free,) of motions of all unknowns by the size of the scene, or by a radian.
@@ -101,12 +101,12 @@ class TangentSteps:
             return [-2 * K, 4 * K, C, -C]
         return [C - 2 * K, 4 * K - C] if self.damped else [K]
 
-    def one_step(self, free: int) -> Steps:
+    def one_step(self, free: int) -> DirectionSteps:
         """A step that remains in the state."""
         unit_array, factor = np.ones(1), np.array([self._factor])
-        return Steps(np.zeros((1, free)), unit_array, factor, np.zeros(1, int), unit_array)
+        return DirectionSteps(np.zeros((1, free)), unit_array, factor, np.zeros(1, int), unit_array)
 
-    def along(self, directions: np.ndarray, time: float, curved: bool = False) -> Steps:
+    def along(self, directions: np.ndarray, time: float, curved: bool = False) -> DirectionSteps:
         """Steps along directions (r, free), also of twice the time if they tell damping.
 
         And both with loads, if these count for damping only.
@@ -125,7 +125,7 @@ class TangentSteps:
         lengths, factors = np.repeat(kinds, len(moves), axis=0).T
         rows = np.arange(len(kinds) * len(sizes)).repeat(len(points))
         moves, shares = np.tile(moves, (len(kinds), 1)), weights / sizes ** (1 + curved)
-        return Steps(moves, lengths, factors, rows, np.tile(shares.ravel(), len(kinds)))
+        return DirectionSteps(moves, lengths, factors, rows, np.tile(shares.ravel(), len(kinds)))
 
     def _distance(self, columns: np.ndarray, most: float) -> float:
         """Distance of steps that move `columns` (n,), within which no contact opens or closes.
@@ -139,7 +139,7 @@ class TangentSteps:
         distance = max(min(most, 0.9 * reach), _ON_ELEMENT)
         at_start, members = model.kinks.switches(start), model.points.members
         touched = members and members.touched
-        reduction.begin(start.q, start.slides)
+        reduction.set_start(start.q, start.slides)
 
         def switched(factor: float) -> bool:
             y = factor * columns[: reduction.free]
@@ -158,7 +158,7 @@ class TangentSteps:
         wide[:, self._linear.unknowns] = rows
         return wide
 
-    def tape(self, steps: Steps) -> Tape:
+    def tape(self, steps: DirectionSteps) -> Tape:
         """Steps from the state."""
         state = replace(self._start, t=self._factor)
         tape = static_tape(self.problem, state, [state], self.forcing)

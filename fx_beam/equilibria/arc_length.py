@@ -154,7 +154,7 @@ class ArcLength:
         stretch = Stretch(lambda length: self.step(state, tangent, length), ends)
 
         def slope(length: float) -> float:
-            return stretch.at(length)[1].load
+            return stretch.point_at(length)[1].load
 
         low, high, side = 0.0, ds, _SIDES[3] * ds
         while high - low > 2.1 * side:
@@ -162,11 +162,11 @@ class ArcLength:
             for place in (guess - side, guess + side):
                 if low < place < high:
                     low, high = (place, high) if slope(place) * rate > 0 else (low, place)
-        if stretch.at(low)[1].sense == stretch.at(high)[1].sense:
+        if stretch.point_at(low)[1].sense == stretch.point_at(high)[1].sense:
             root = root_between(slope, low, high, _PLACE * ds)
             if slope(root) * rate < 0:  # the row lies before the point, not behind by round-off
                 root -= 2 * _PLACE * ds
-            new, new_tangent = stretch.at(root)
+            new, new_tangent = stretch.point_at(root)
             turn = self._turn(state, new, tangent, new_tangent, root)
             if self.model.kinks.any or turn <= _REJECTED * target:
                 return new, new_tangent  # not at a bifurcation with two modes, which keeps the sign
@@ -238,7 +238,7 @@ class ArcLength:
 
     def at_start(self, state: State, tangent: Tangent, ds: float = 0.0) -> Tangent:
         """The tangent at the start of a step, or a length ds from it along another one."""
-        self._path.begin(state)
+        self._path.set_start(state)
         return self._path.tangent(ds * tangent.y, ds * tangent.load, tangent)
 
     # -- Corners --------------------------------------------------------------------------------

@@ -195,7 +195,7 @@ def _displaced(scene: Scene, shape: np.ndarray, size: float) -> np.ndarray:
     model = model_for(scene, Equilibrium(), settles=True)
     start, reduction = reference_state(model), model.reduction
     scaled = size / np.hypot(*shape[:, :2].T).max() * shape
-    reduction.begin(start.q, start.slides)
+    reduction.set_start(start.q, start.slides)
     y = unknowns_of(model, start, scaled.ravel())
     return reduction.increment(y, np.zeros(reduction.driven)).reshape(-1, 3)
 
@@ -235,7 +235,7 @@ def first_step(arc: ArcLength, state: State, shape: np.ndarray) -> tuple[State, 
     StepFailed if it fails after all cuts.
     """
     path, model, options = arc.stepper.path, arc.model, arc.stepper.options
-    path.begin(state)
+    path.set_start(state)
     path.balance(np.zeros(model.reduction.free), 0.0)
     y = unknowns_of(model, state, shape)
     D = path.spread(y, 0.0)
@@ -265,7 +265,7 @@ def first_step(arc: ArcLength, state: State, shape: np.ndarray) -> tuple[State, 
 def is_equilibrium(arc: ArcLength, state: State) -> bool:
     """Whether the loads and internal forces of a state are in balance."""
     path, model = arc.stepper.path, arc.model
-    path.begin(state)
+    path.set_start(state)
     balance, _, _ = path.balance(np.zeros(model.reduction.free), 0.0)
     left = abs(balance.residual[: model.reduction.free] * model.units.unknowns)
     # Springs of slides have no forces at nodes, but those of the joints.

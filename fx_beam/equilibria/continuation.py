@@ -41,7 +41,7 @@ class Stretch(Generic[Point]):
     def __init__(self, take: Callable[[float], Point], points: dict[float, Point]):
         self._take, self.points = take, points
 
-    def at(self, distance: float) -> Point:
+    def point_at(self, distance: float) -> Point:
         """The point at a distance."""
         if distance not in self.points:
             self.points[distance] = self._take(distance)

@@ -61,7 +61,7 @@ def has_corner(path: PathEquations, old: State, new: State, step: StepSolution) 
     if not (load and path.model.kinks.any):
         return False
     try:
-        path.begin(old)
+        path.set_start(old)
         first, last = path.with_the_load(0 * step.y, 0.0), path.with_the_load(step.y, load)
         corner = corner_in(path, step.D, load, first, last)
         if corner is None or first.sense != last.sense:

@@ -35,7 +35,7 @@ class Corrector:
         raise last
 
     def _predict(self, tangent: Tangent, length: float) -> None:
-        self._path.begin(self._start)
+        self._path.set_start(self._start)
         self._y, self._load = length * tangent.y, length * tangent.load
         self._D, self._sizes = length * tangent.D, list[float]()
 

@@ -16,7 +16,7 @@ from fx_beam.results.vibrations import Modes, modes_of
 from .branches import Branch, is_equilibrium
 from .crossings import FAILURES, Crossings
 from .load_steps import LoadStepper
-from .path_piece import BIFURCATION, FLUTTER, LIMIT_POINT, SAME, SMOOTH, Piece, Root, end_of
+from .path_piece import BIFURCATION, FLUTTER, LIMIT_POINT, SAME, SMOOTH, PathInterval, Root, end_of
 from .small_motions import pairs_and_others
 
 _log = logging.getLogger("fx_beam")
@@ -225,7 +225,7 @@ class PathStability:
         if row < 0 or self._last or counts[row] != count or count == len(motions.unit):
             return []
         try:
-            piece = Piece(self._crossings.arc, motions, *self._states[row:])
+            piece = PathInterval(self._crossings.arc, motions, *self._states[row:])
             ends = [piece.stiffness(end) for end in (piece.first, piece.length)]
             if piece.kinked or not all(motions.symmetric(K) for K in ends):
                 return []

@@ -16,7 +16,7 @@ from fx_beam.step.step_failures import StepFailed
 from .arc_length import ArcLength
 from .branches import is_equilibrium
 from .load_steps import LoadStepper
-from .path_piece import LIMIT_POINT, SAME, SMOOTH, Piece, Root, brackets_of, root_of
+from .path_piece import LIMIT_POINT, SAME, SMOOTH, PathInterval, Root, brackets_of, root_of
 
 #: A point in a step, and how many modes become unstable there.
 Crossing = tuple[Root, int]
@@ -40,7 +40,7 @@ class Crossings:
         #: Crossings in accepted steps, by the state at their end.
         self._seen: dict[int, tuple[State, State, list[Crossing]]] = {}
 
-    def check(self, old: State, new: State, limits: int) -> None:
+    def check_stability(self, old: State, new: State, limits: int) -> None:
         """StepFailed if the number of unstable modes changes in a step where no point is found.
 
         It may change by one at each of so many limit points.
@@ -105,7 +105,7 @@ class Crossings:
         If the `whole` is not wanted, those before the first that is not found.
         """
         try:
-            piece = Piece(self.arc, self.motions, old, new)
+            piece = PathInterval(self.arc, self.motions, old, new)
             brackets = brackets_of(piece, *counts)
         except FAILURES as failure:
             return [], str(failure)
@@ -144,7 +144,7 @@ class Crossings:
         """Whether the loads up to a state do work on its modes (unknowns, n)."""
         stepper, unit = self.arc.stepper, self.motions.unit
         K = self.motions.stiffness(state)
-        stepper.path.begin(state)
+        stepper.path.set_start(state)
         apart = _PART_OF_LOADS * abs(state.t)
         loads = abs(state.t) * stepper.path.disturbance(apart)
         loads = loads[self.motions.model.reduction.independent]
@@ -154,7 +154,7 @@ class Crossings:
         least += _ROUNDING / _PART_OF_LOADS * (abs(K) @ unit) @ abs(vectors)
         return bool((abs(loads @ vectors) > least).any())
 
-    def eigenvalue(self, piece: Piece, k: int) -> Callable[[float], float]:
+    def eigenvalue(self, piece: PathInterval, k: int) -> Callable[[float], float]:
         """Eigenvalue k, numbered from the lowest one, as a function of the distance.
 
         Where forces follow the motion, the square of the lowest frequency.
@@ -165,6 +165,6 @@ class Crossings:
             K = piece.stiffness(distance)
             if motions.symmetric(K):
                 return float(motions.lowest(K, k + 1)[0][k])
-            return float(motions.squares(piece.at(distance))[0].real)
+            return float(motions.squares(piece.point_at(distance))[0].real)
 
         return eigenvalue

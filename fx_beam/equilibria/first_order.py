@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.results.records import BeamResultants, Energy, Stats
-from fx_beam.results.section_forces import Balance
+from fx_beam.results.section_forces import BeamBalance
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.step.row_steps import histories_of
@@ -58,12 +58,12 @@ def first_order(
         N, Q, M = map(small.at_ends, (beam.N, beam.Q, beam.M))
         return BeamResultants(beam.s, N, Q, M, lambda: balance_of(name, beam))
 
-    def balance_of(name: str, beam: BeamResultants) -> Balance:
+    def balance_of(name: str, beam: BeamResultants) -> BeamBalance:
         balance = beam.balanced()
         ends, jumps = map(small.at_ends, (balance.ends, balance.jumps))
         if (slopes := small.slopes_at_ends(name, ends[0])) is not None:
             ends[1] = ends[0] + slopes
-        return Balance(balance.s, ends, balance.places, jumps)
+        return BeamBalance(balance.s, ends, balance.places, jumps)
 
     solution.resultants_of_beam = resultants_of_beam
     if small.error > _OUT_OF_BALANCE:

@@ -14,7 +14,7 @@ import scipy.sparse
 
 from fx_beam.coupling.unjoined import links
 from fx_beam.fem.sparsity import connected_parts
-from fx_beam.step.extended import Extended
+from fx_beam.step.extended import ConstrainedMatrix
 from fx_beam.step.model import Model
 
 # Forces without balance that are round-off, relative to the sum of all; motions of supports.
@@ -86,7 +86,7 @@ def left_by_supports(model: Model, q: np.ndarray) -> np.ndarray:
     return np.hstack(motions)
 
 
-def held_for_nothing(model: Model, q: np.ndarray, K: Extended, none: float) -> np.ndarray:
+def held_for_nothing(model: Model, q: np.ndarray, K: ConstrainedMatrix, none: float) -> np.ndarray:
     """Degrees of freedom (n,) at which supports hold motions of `left_by_supports` without force.
 
     K is the tangent of the configuration; a stiffness [J] up to `none` is none.

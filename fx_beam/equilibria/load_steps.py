@@ -94,7 +94,7 @@ class LoadStepper:
         self.motions.note(new, self.loop)
         step = step._replace(predicted=self._predicted(state, step, interval.length))
         self.note(step)
-        if self.deviation > EASY_DEVIATION and self.model.kinks.begin(state, new):
+        if self.deviation > EASY_DEVIATION and self.model.kinks.may_begin(state, new):
             self.deviation = 0.0
         response = self.response
         if interval.length:
@@ -115,7 +115,7 @@ class LoadStepper:
             return step.predicted
         if self._slope[0] is not state:
             try:
-                self.path.begin(state)
+                self.path.set_start(state)
                 tangent = self.path.with_the_load(0 * step.y, 0.0)
                 self._slope = state, tangent.D / tangent.load
             except StepFailed:

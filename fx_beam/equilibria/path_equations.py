@@ -21,7 +21,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import ARRAYS, NUMBERS, State
 from fx_beam.scene.beam import lagrange
-from fx_beam.step.equations import Balance
+from fx_beam.step.equations import Residual
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.step_failures import StepFailed
 
@@ -73,10 +73,10 @@ class PathEquations:
             (indptr, indices), unit, None if self._fills else reduction.auxiliaries.dependent
         )
 
-    def begin(self, start: State) -> None:
+    def set_start(self, start: State) -> None:
         """Set the state at the start of a step. No time passes for internal variables."""
         self._start = start
-        self.loop.equations.begin(Interval(start.t, start.t), start)
+        self.loop.equations.set_start(Interval(start.t, start.t), start)
 
     def expand(self, y: np.ndarray, load: float) -> np.ndarray:
         """Increment D (size,) of all degrees of freedom by increments y and l."""
@@ -91,7 +91,7 @@ class PathEquations:
         reduction = self._reduction
         return reduction.maps.to_nodes(reduction.in_columns(dy, dload * self.loop.forcing.goal))
 
-    def balance(self, y: np.ndarray, load: float) -> tuple[Balance, np.ndarray, np.ndarray]:
+    def balance(self, y: np.ndarray, load: float) -> tuple[Residual, np.ndarray, np.ndarray]:
         """R(y, l), and the derivatives by l of forces (size,) at nodes, and (free,) of R."""
         model, forcing, reduction = self.model, self.loop.forcing, self._reduction
         if (
@@ -127,10 +127,10 @@ class PathEquations:
         y = np.zeros(self._reduction.free)
         return self._differences(y, 0.0, apart)[1][: len(y)] + self.held
 
-    def _evaluate(self, y: np.ndarray, load: float) -> Balance:
+    def _evaluate(self, y: np.ndarray, load: float) -> Residual:
         factor = self._start.t + load
         self.loop.equations.end_at(factor)
-        return self.loop.equations.at(y, self._driven(load), self.loop.forcing.dead(factor))
+        return self.loop.equations.evaluate(y, self._driven(load), self.loop.forcing.dead(factor))
 
     def solve(
         self, column: np.ndarray, normal: Tangent, residual: np.ndarray, last: float

@@ -70,7 +70,7 @@ class PathFollowing:
         """Append the states."""
         if self._start is None:
             path = self._stepper.path
-            path.begin(self._states[-1])
+            path.set_start(self._states[-1])
             tangent = path.with_the_load(np.zeros(self._arc.model.reduction.free), 0.0)
             length = self._part / (self._options.load_steps * tangent.load)
         else:
@@ -98,7 +98,7 @@ class PathFollowing:
         A state at a bifurcation has no definite tangent from which to go on.
         """
         path, last = self._stepper.path, self._states[-1]
-        path.begin(last)
+        path.set_start(last)
         tangent = path.with_the_load(np.zeros(self._arc.model.reduction.free), 0.0)
         return tangent, _BEFORE * path.length(state.q - last.q, state.t - last.t)
 

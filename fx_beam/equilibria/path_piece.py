@@ -49,7 +49,7 @@ _SAME_END = 1e-9
 _FLOWING, _AGAIN = 1e-9, 1e-5
 
 
-class Piece(Stretch[State]):
+class PathInterval(Stretch[State]):
     """The path between two states, by the distance along its tangent at the first one.
 
     Where the path may have corners or branches, the straight way between them is the tangent.
@@ -61,7 +61,7 @@ class Piece(Stretch[State]):
         self._arc, self.motions, self._start = arc, motions, first
         #: Whether measures may jump.
         self.kinked = self.model.kinks.any
-        path.begin(first)
+        path.set_start(first)
         length = path.length(D, load)
         y = unknowns_of(self.model, first, D / length)
         self._tangent = Tangent(y, D / length, load / length)
@@ -76,7 +76,7 @@ class Piece(Stretch[State]):
         super().__init__(lambda place: arc.state_at(first, self._tangent, place), ends)
         self._tangents: dict[float, csr_matrix] = {}
         with suppress(StepFailed):  # it is singular: the piece ends at a bifurcation
-            self.at(self.length)
+            self.point_at(self.length)
         gap = self.points.setdefault(self.length, second).q - second.q
         if not path.is_still(gap) and path.size(gap) > _AGAIN * path.size(D):
             reason = "its end depends on the way, as where materials creep, or others lie beside it"
@@ -88,7 +88,7 @@ class Piece(Stretch[State]):
             if self.flows:
                 K = self._arc.stiffness_at(self._start, self._tangent, distance)
             else:
-                K = self.motions.stiffness(self.at(distance))
+                K = self.motions.stiffness(self.point_at(distance))
             self._tangents[distance] = K
         return self._tangents[distance]
 
@@ -98,9 +98,9 @@ class Piece(Stretch[State]):
         The path may turn back there: it is extrapolated from states before.
         """
         arc, h = self._arc, _APART * self.length
-        start = self._start if low < h else self.at(low)
+        start = self._start if low < h else self.point_at(low)
         tangent = arc.at_start(start, self._tangent)
-        signs, last = (np.sign(self.model.kinks.switches(s)) for s in (start, self.at(high)))
+        signs, last = (np.sign(self.model.kinks.switches(s)) for s in (start, self.point_at(high)))
         changed = signs != last
         for side in (-h, h):
             distances = side * np.arange(_STATES)
@@ -154,12 +154,12 @@ class _Counted(NamedTuple):
     growing: Growing
 
 
-def brackets_of(piece: Piece, first_count: int, last_count: int) -> list[Bracket]:
+def brackets_of(piece: PathInterval, first_count: int, last_count: int) -> list[Bracket]:
     """Where the number of modes that grow changes, from its values in the rows before and after."""
     length, brackets = piece.length, list[Bracket]()
 
     def counted(distance: float) -> _Counted:
-        growing = piece.motions.growing(piece.at(distance), piece.stiffness(distance))
+        growing = piece.motions.growing(piece.point_at(distance), piece.stiffness(distance))
         return _Counted(distance, growing)
 
     def intervals(low: _Counted, high: _Counted, exact: float) -> list[tuple[_Counted, _Counted]]:
@@ -211,12 +211,12 @@ def brackets_of(piece: Piece, first_count: int, last_count: int) -> list[Bracket
     return brackets
 
 
-def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -> Root:
+def root_of(piece: PathInterval, measure: Callable[[float], float], bracket: Bracket) -> Root:
     """Where a measure changes its sign."""
     low, high = bracket.low, bracket.high
     if bracket.flutter:
         place = bracket.growing
-        return Root(place, piece.at(place), piece.stiffness(place), FLUTTER)
+        return Root(place, piece.point_at(place), piece.stiffness(place), FLUTTER)
     if not bracket.apart:
         if abs(measure(low)) > _LARGE * abs(measure(high)):
             return _jump(piece, measure, 0.0, low, high)
@@ -242,7 +242,7 @@ def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -
     return _extrapolated(piece, measure, guess, apart, _STATES * abs(apart))
 
 
-def end_of(piece: Piece, measure: Callable[[float], float], reach: float) -> Root | None:
+def end_of(piece: PathInterval, measure: Callable[[float], float], reach: float) -> Root | None:
     """Where a function of the distance vanishes at the end of a smooth step, or so far beyond it.
 
     `reach` is relative to the step; None if it does not.
@@ -260,22 +260,26 @@ def end_of(piece: Piece, measure: Callable[[float], float], reach: float) -> Roo
 
 
 def _jump(
-    piece: Piece, measure: Callable[[float], float], place: float, low: float, high: float
+    piece: PathInterval, measure: Callable[[float], float], place: float, low: float, high: float
 ) -> Root:
     """Where a measure jumps between two distances."""
     K, model = piece.stiffness(low if measure(low) < 0 else high), piece.model
     kind = "flow" if piece.flows else "kink"
-    if model.kinks.switched(piece.at(low), piece.at(high)):
+    if model.kinks.switched(piece.point_at(low), piece.point_at(high)):
         kind = "contact" if model.kinks.has_contact else "kink"
     elif not (piece.flows or model.kinks.bend):
-        step = piece.at(high).q - piece.at(low).q
+        step = piece.point_at(high).q - piece.point_at(low).q
         raise StepFailed("off the path", "the step reaches another path", step)
     state = None if piece.flows else piece.switched(low, high)
-    return Root(place, piece.at(place) if state is None else state, K, kind)
+    return Root(place, piece.point_at(place) if state is None else state, K, kind)
 
 
 def _extrapolated(
-    piece: Piece, measure: Callable[[float], float], guess: float, apart: float, farthest: float
+    piece: PathInterval,
+    measure: Callable[[float], float],
+    guess: float,
+    apart: float,
+    farthest: float,
 ) -> Root:
     """The root near a distance, extrapolated from states on one side, some length `apart`.
 
@@ -288,7 +292,7 @@ def _extrapolated(
     place = root_near(scaled, values)
     if not abs(place * apart) <= farthest:
         raise StepFailed("critical point", "the eigenvalue has no root", np.zeros(1))
-    states = [piece.at(distance) for distance in distances]
+    states = [piece.point_at(distance) for distance in distances]
     state = between(states, scaled, place)
     loads = np.array([state.t for state in states])
     slope = np.polynomial.Polynomial.fit(scaled, loads, _STATES - 1).deriv()(place)

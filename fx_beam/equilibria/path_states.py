@@ -98,7 +98,7 @@ class PathStates:
         """
         options, limits, before = self._options, self._stepper.stats.limit_points, list(states)
         # What friction follows is not found along the arc length.
-        follows = options.continuation is not None or len(self._model.points.followed)
+        follows = options.continuation is not None or len(self._model.points.normal_forces)
         if follows or self._is_unstable(states[-1]):
             return False
         self._arc.goal = self._end_of_load_step(states[-1])

@@ -26,7 +26,7 @@ class PathSteps:
         self.options = options
         self.model = model = model_for(scene, _AT_REST, settles=True)
         self.stats = stats_of(model, solver="sparse lu", static=True)
-        if options.continuation is not None and len(model.points.followed):
+        if options.continuation is not None and len(model.points.normal_forces):
             raise SceneError(
                 "static: arc-length steps do not find the force of a joint that its friction "
                 "follows. Use load steps (without continuation), or fx_beam.SmoothFriction"
@@ -36,7 +36,7 @@ class PathSteps:
         #: What takes the steps.
         self.stepper = LoadStepper(self.forcing, self.options, self.stats)
         self.crossings = Crossings(self.stepper)
-        self.stepper.check = self.crossings.check
+        self.stepper.check = self.crossings.check_stability
         self.stepper.check_turn = self.crossings.check_turn
 
     @property

@@ -22,7 +22,7 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
-from fx_beam.step.extended import Extended
+from fx_beam.step.extended import ConstrainedMatrix
 from fx_beam.step.step_failures import StepFailed
 
 from .free_parts import held_for_nothing, left_by_supports, without_balance
@@ -158,7 +158,7 @@ class Settling:
     def _size(self, D: np.ndarray) -> float:
         return float(abs(D / self.model.units.nodes).max(initial=0.0))
 
-    def _largest(self, K: Extended) -> float:
+    def _largest(self, K: ConstrainedMatrix) -> float:
         """The largest stiffness of a tangent, times its units [J]."""
         return float(abs(K.alone.diagonal() * K.units(self.model) ** 2).max(initial=0.0))
 

@@ -71,7 +71,7 @@ def _without_switch(name: str, path: PathEquations, start: State, way: _Way) -> 
         return largest
     members = model.points.members
     start_signs, touched = np.sign(model.kinks.switches(start)), members and members.touched
-    path.begin(start)
+    path.set_start(start)
 
     def switched(part: float) -> bool:
         y = part * way.y
@@ -115,7 +115,7 @@ class SmallLoads:
         self._what, self._stepper, self.state = name, stepper, state
         reduction = stepper.model.reduction
         path, y = stepper.path, np.zeros(reduction.free)
-        path.begin(state)
+        path.set_start(state)
         self._column = path.balance(y, 0.0)[2]
         self._unit = stepper.model.units.unknowns[: reduction.free]
         #: Whether anything changes with the load factor.
@@ -178,7 +178,7 @@ class SmallLoads:
     def _correction(self, residual: np.ndarray) -> _Way:
         """The way at constant loads by which a residual (free,) goes away."""
         path, still = self._stepper.path, np.zeros(len(residual))
-        path.begin(self.state)
+        path.set_start(self.state)
         path.balance(still.copy(), 0.0)
         normal = Tangent(still, np.zeros(self._stepper.model.size), 1.0)
         dy, _ = path.solve(self._column, normal, -residual, 0.0)
@@ -291,7 +291,7 @@ class SmallLoads:
         still = self._stepper.loop.forcing.first - (0.0 if weight is None else weight)
         states, turned, bends, nodes, points_rows = [], [], [], [], []
         for part in (0.0, *(largest * _PARTS).tolist()):
-            path.begin(start)
+            path.set_start(start)
             y, load = part * way.y, part * way.load
             balance = path.balance(y, load)[0]
             # Forces in the state turn with the joints.
@@ -368,7 +368,7 @@ class SmallForces:
         model, states, residuals, bends = path.model, [], [], []
         for part in (0.0, *(largest * _PARTS).tolist()):
             path.loop.forcing.first[:] = self._loads + part * self._force
-            path.begin(start)
+            path.set_start(start)
             balance = path.balance(part * y, 0.0)[0]
             residuals.append(balance.residual[model.reduction.independent])
             new = path.loop.finished(start, Interval(start.t, start.t), part * y, balance.r)

@@ -15,7 +15,7 @@ import scipy.sparse
 from scipy.sparse.linalg import LinearOperator, eigs
 
 from fx_beam.results.state import State
-from fx_beam.step.extended import Extended
+from fx_beam.step.extended import ConstrainedMatrix
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.sparse_lu import Pattern, null_vectors, pivoted_lu
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
@@ -56,7 +56,7 @@ class SmallMotions:
         """The tangent (n, n) of an equilibrium without flow."""
         return self.extended(state).matrix
 
-    def extended(self, state: State) -> Extended:
+    def extended(self, state: State) -> ConstrainedMatrix:
         """The tangent of an equilibrium, in long trees with auxiliary unknowns."""
         self._loop.balance(state, state.t)
         return self._loop.equations.extended()
@@ -120,7 +120,7 @@ class SmallMotions:
 
         Symmetric tangents are those of stiffnesses that are larger by a `tolerance`.
         """
-        extended = self.extended(state) if K is None else Extended.plain(K)
+        extended = self.extended(state) if K is None else ConstrainedMatrix.plain(K)
         if not (free := extended.free):
             return Growing(0, 0)
         A, sliding = extended.alone, bool(self.model.couplings.sliding)
@@ -128,7 +128,7 @@ class SmallMotions:
             if not self.symmetric(K := extended.matrix):
                 pairs, real_squares = pairs_and_others(self.squares(state, K))
                 return Growing(len(pairs), int((real_squares < 0).sum()))
-            extended = Extended.plain(K)
+            extended = ConstrainedMatrix.plain(K)
         system, metric = extended.system, self.unit**-2.0
         metric = scipy.sparse.diags(np.append(metric, np.zeros(system.shape[0] - free)))
         diagonal = abs(system.diagonal()[:free])
@@ -146,8 +146,8 @@ class SmallMotions:
 
     def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
         """The n lowest eigenvalues of a tangent in unit unknowns, and vectors (unknowns, n)."""
-        symmetric = Extended.plain(((K + K.T) / 2).tocsr())
-        metric = Extended.plain(scipy.sparse.diags(self.unit**-2.0).tocsr())
+        symmetric = ConstrainedMatrix.plain(((K + K.T) / 2).tocsr())
+        metric = ConstrainedMatrix.plain(scipy.sparse.diags(self.unit**-2.0).tocsr())
         modes = UndampedModes(symmetric, metric)
         roots, _, vectors = modes.lowest(min(n, K.shape[0]))
         return np.sign(roots) * roots**2, vectors

@@ -72,10 +72,10 @@ class LoadPath(PathSteps):
         self.warns = True
         #: The states so far.
         self.states: list[State] = []
-        watch.check("static")  # it calls all functions of time
+        watch.check_unchanged("static")  # it calls all functions of time
         self.stats.setup_seconds = time.perf_counter() - self.began
 
-    def followed(self) -> Solution:
+    def whole_path(self) -> Solution:
         """The whole path. An exception has the solution of the steps before it."""
         self._clock = time.perf_counter()
         bar = progress_bar(1.0, self.options.progress, bar_format=_BAR)
@@ -403,8 +403,8 @@ def static(
     options = StaticOptions.among(locals())
     if linear:
         return LoadPath(scene, options, start).first_order()
-    solution = LoadPath(scene, options, start).followed()
+    solution = LoadPath(scene, options, start).whole_path()
     if branches:
         options = replace(options, continuation="arc-length", branches=0)
-        grow(solution, branches, lambda origin: LoadPath(scene, options, origin).followed(), [])
+        grow(solution, branches, lambda origin: LoadPath(scene, options, origin).whole_path(), [])
     return solution

@@ -42,7 +42,7 @@ class Field:
         self.array = np.broadcast_to(0.0, space.size) if none else np.zeros(space.size)
 
 
-class Term:
+class MeshTerm:
     """A compiled form or expression on a mesh: degrees of freedom, kernels, and what these read.
 
     `data` has fields and arrays by the names of coefficients and constants; those of `moving` are
@@ -79,7 +79,7 @@ class Term:
         self._field_numbers = [moving.index(f) + 2 if f in moving else None for f in self.fields]
         self._constant_numbers = [_OF_STEPS[name] for name in self.constants]
 
-    def on(self, mesh: Any, data: Mapping[str, Any]) -> Term:
+    def on(self, mesh: Any, data: Mapping[str, Any]) -> MeshTerm:
         """The form on the mesh of another scene of this structure, which reads other data."""
         other = shallow_copy(self)
         other._mesh, other.fields = mesh, [data[name] for name in self.compiled.coefficients]
@@ -87,7 +87,7 @@ class Term:
         other.field_starts = dict(zip(other.fields, self.field_starts.values(), strict=True))
         return other
 
-    def indices_in(self, other: Term) -> tuple[list[int], list[int]]:
+    def indices_in(self, other: MeshTerm) -> tuple[list[int], list[int]]:
         """Indices of this form's coefficients and constants in the arrays of another form."""
         fields, constants = other.field_starts, other.constant_starts
         return (

@@ -20,7 +20,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section, values_along
 from fx_beam.scene.structure import OtherStructureError
 
-from .assembly import Field, Space, Term
+from .assembly import Field, MeshTerm, Space
 from .form_library import CompiledForm
 from .loads import LoadedBeams
 from .mesh import Mesh
@@ -250,9 +250,9 @@ class BeamData:
         names = [n for n in self.named if n in self._numbers or n.startswith(("coord", "indic"))]
         return {name: self.named[name].array.reshape(len(self.tags), -1) for name in names}
 
-    def term(self, form: CompiledForm, spaces: Sequence[Space] = ()) -> Term:
+    def term(self, form: CompiledForm, spaces: Sequence[Space] = ()) -> MeshTerm:
         """A form or an expression on the mesh, with arguments in some spaces."""
-        return Term(form, self.mesh, self.named, spaces, self.tags, self.moving)
+        return MeshTerm(form, self.mesh, self.named, spaces, self.tags, self.moving)
 
     def read(self, steps: StepBatch) -> StepBatch:
         """Steps with the parameters of the forms alone."""

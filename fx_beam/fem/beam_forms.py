@@ -16,7 +16,7 @@ from fx_beam.scene.law import frozen, functions_of_energy
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 
-from .assembly import Term
+from .assembly import MeshTerm
 from .beam_data import LOSSES, BeamData, Kind, StepFacts, distinct, shapes_of
 from .form_library import FormModule, form_module
 from .mesh import Mesh
@@ -92,7 +92,7 @@ class BeamForms:
         self.bound = self._placed(step)
         #: Names of these.
         self.names = [*self.bound]
-        self._terms: dict[tuple[str, ...], dict[str, Term]] = {}
+        self._terms: dict[tuple[str, ...], dict[str, MeshTerm]] = {}
         #: Names of the forms of forces.
         self.forces = ["internal forces"] + ["drag"] * ("drag" in self.bound)
         #: Whether forces may depend on rates, and may dissipate energy.
@@ -133,12 +133,12 @@ class BeamForms:
         return self._pattern.data.on(*self._run, self._numbers)
 
     @cached_property
-    def bound(self) -> dict[str, Term]:
+    def bound(self) -> dict[str, MeshTerm]:
         """The forms of a step on the mesh, by name."""
         assert self._pattern is not None
         return self._own(self._pattern.bound)
 
-    def _own(self, terms: dict[str, Term]) -> dict[str, Term]:
+    def _own(self, terms: dict[str, MeshTerm]) -> dict[str, MeshTerm]:
         """Terms of the program, which read the data of this run."""
         return {name: term.on(self.data.mesh, self.data.named) for name, term in terms.items()}
 
@@ -153,7 +153,7 @@ class BeamForms:
                 "expressions"
             ) from error
 
-    def terms(self, method: str, *arguments: str) -> dict[str, Term]:
+    def terms(self, method: str, *arguments: str) -> dict[str, MeshTerm]:
         """Terms on the mesh by name, as a method of the writer gives them; each is made once."""
         if (key := (method, *arguments)) not in self._terms:
             if self._pattern is None:
@@ -162,10 +162,10 @@ class BeamForms:
                 self._terms[key] = self._own(self._pattern.terms(method, *arguments))
         return self._terms[key]
 
-    def _placed(self, module: FormModule) -> dict[str, Term]:
+    def _placed(self, module: FormModule) -> dict[str, MeshTerm]:
         """Forms on the mesh; each of several expressions at Gauss points is on one subdomain."""
         spaces, space_names = self.data.spaces, module.facts.get("spaces", {})
-        terms = dict[str, Term]()
+        terms = dict[str, MeshTerm]()
         for i, (name, form) in enumerate(module.forms.items()):
             if form.values and len(module.forms) > 1:
                 form = form._replace(functions=[(i, form.functions[0][1])])
@@ -212,7 +212,9 @@ class BeamForms:
         terms = [self.bound[name] for name in self.forces]
         return self._sum(terms, steps, (terms[0].size,))
 
-    def _sum(self, terms: Iterable[Term], steps: StepBatch, shape: tuple[int, ...]) -> np.ndarray:
+    def _sum(
+        self, terms: Iterable[MeshTerm], steps: StepBatch, shape: tuple[int, ...]
+    ) -> np.ndarray:
         first, *others = (term.values(self.data.read(steps), shape) for term in terms)
         for values in others:
             first += values

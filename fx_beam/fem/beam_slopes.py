@@ -9,7 +9,7 @@ import numpy as np
 from fx_beam.laws.interval import StepBatch
 from fx_beam.scene.beam import gauss_rule
 
-from .assembly import Space, Term
+from .assembly import MeshTerm, Space
 from .beam_forms import BeamForms
 
 #: Name and space of numbers, and derivatives by these in k steps.
@@ -30,7 +30,7 @@ class BeamSlopes:
         names = self._beams.source.module("work", forces).facts["derivatives"]
         return {name: self._data.spaces[name].width for name in names}
 
-    def jacobians(self, forces: str, moves_nodes: bool) -> dict[tuple[str, int], Term]:
+    def jacobians(self, forces: str, moves_nodes: bool) -> dict[tuple[str, int], MeshTerm]:
         """The work of these forces on weights, as ("work", 0), and its derivatives.
 
         Each is by numbers of a name, and by a weight: of the forces, and of the increments of

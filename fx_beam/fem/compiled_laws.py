@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.c_library import compiled
 from fx_beam.errors import SceneError
-from fx_beam.laws.point_laws import ForceStep, PointLaw, StepForces, StepRule, arguments
+from fx_beam.laws.point_laws import ForceStep, LawForces, PointLaw, StepRule, arguments
 from fx_beam.laws.rates import NodalRates
 from fx_beam.scene.parameters import names_of, parameters_in, replaced
 from fx_beam.symbolic import Expr, Written, derivatives_taken, is_zero, ufl
@@ -207,7 +207,7 @@ class CompiledLaw:
 def _parts(law: PointLaw, quantity: str, motion: ForceStep) -> list:
     """Values of a function of a law in UFL; of the "forces" with internal variables behind."""
     value = getattr(law, quantity)(motion)
-    if isinstance(value, StepForces):
+    if isinstance(value, LawForces):
         return [*value.forces, *value.internal]
     return value if isinstance(value, list) else [value]
 

@@ -110,11 +110,11 @@ class CompiledPoints:
             placed.numbers[-1] = factor
         self._load_increment = increment
 
-    def begin(self, interval: Interval, start: StepBatch) -> None:
+    def begin_step(self, interval: Interval, start: StepBatch) -> None:
         """Begin a step. In statics its length is the increment of the load."""
         if not self.points.any:
             return
-        t = interval.at(self.points.rule.level)
+        t = interval.time_at(self.points.rule.level)
         dt = self._load_increment if self.points.rule.at_rest else interval.length
         still = np.zeros(int(self.points.slides.max(initial=-1)) + 1)
         slides, rates = (x if x.size else still for x in (start.slides, start.slide_rates))
@@ -124,7 +124,7 @@ class CompiledPoints:
         vectors = map(self._doubles, (start.q, start.v, slides, rates))
         self._c.fx_begin_points(self._all, *vectors, t, dt, self._doubles(variables))
         if len(self.points.followers):
-            forces = floats(self.points.followers.at(interval))
+            forces = floats(self.points.followers.forces_in(interval))
             for placed, force in zip(
                 self.points.placed[self.points.external], forces, strict=False
             ):

@@ -8,7 +8,7 @@ from typing import Any
 from fx_beam.errors import refuse_fields_in
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import UpdateRule
-from fx_beam.laws.resultants import Nodes, lagrange
+from fx_beam.laws.resultants import NodeRotations, lagrange
 from fx_beam.scene.law import Energy, functions_of_energy
 from fx_beam.scene.parameters import names_of, parameters_in, parameters_of, replaced
 from fx_beam.symbolic import Expr, ufl
@@ -87,7 +87,7 @@ class Fields:
         nodes = None
         if self.coordinate is not None:
             shape, slope = lagrange(self.coordinate, self.degree)
-            nodes = Nodes(Dpsi, virtual_psi, shape, self.degree / h * slope)
+            nodes = NodeRotations(Dpsi, virtual_psi, shape, self.degree / h * slope)
             Dpsi, virtual_psi = ufl.dot(shape, Dpsi), ufl.dot(shape, virtual_psi)
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
         u_before, psi_before = ufl.split(self.q_previous)

@@ -133,11 +133,11 @@ class Forms:
         if self.beams is not None:
             self.beams.set_load(factor)
 
-    def begin(self, interval: Interval, start: StepBatch) -> StepForces:
+    def begin_step(self, interval: Interval, start: StepBatch) -> StepForces:
         """The forces of a step that begins, by the arrays of one step."""
-        t = interval.at(self._rates.level)
-        self.parameters.begin(t)
-        self.compiled_points.begin(interval, start)
+        t = interval.time_at(self._rates.level)
+        self.parameters.set_step_values(t)
+        self.compiled_points.begin_step(interval, start)
         times, parameters = np.array([[t], [interval.length]]), self.parameters.values[None]
         return StepForces(self, start._replace(t=times[0], dt=times[1], parameters=parameters))
 

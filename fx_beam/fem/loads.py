@@ -109,7 +109,7 @@ class SumOfLoads:
         """Whether all loads are constant in time."""
         return all(function.is_constant for _, function in self.functions)
 
-    def at(self, t: float) -> np.ndarray:
+    def sum_at(self, t: float) -> np.ndarray:
         """Their sum at the time t [s]; StepError if a function fails."""
         if not self.functions:
             return np.zeros(self.shape)
@@ -282,7 +282,7 @@ class Followers:
     def __len__(self):
         return len(self._loads)
 
-    def at(self, interval: Interval) -> np.ndarray:
+    def forces_in(self, interval: Interval) -> np.ndarray:
         """Forces (n, 2) [N] in a step."""
         return self.series(np.array([interval.start]), np.array([interval.end]))[0]
 

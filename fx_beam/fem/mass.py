@@ -89,7 +89,7 @@ class MassPlaces:
         return places, row[places]
 
 
-class Mass:
+class MassMatrix:
     """Constant mass matrix and weight of a scene."""
 
     def __init__(
@@ -148,7 +148,7 @@ class Mass:
         if "weight" in numbers:
             self.weight = floats(numbers["weight"])
 
-    def on(self, mesh: Mesh) -> Mass:
+    def on(self, mesh: Mesh) -> MassMatrix:
         """The masses of another scene with this structure; `set_numbers` is to follow."""
         other = shallow_copy(self)
         other._mesh, other.matrix = mesh, shallow_copy(self.matrix)

@@ -295,7 +295,7 @@ class MemberContacts:
         entries = values.ravel(), (rows.ravel(), columns.ravel())
         return scipy.sparse.csr_matrix(entries, (size, size))
 
-    def check(self, D: np.ndarray) -> int:
+    def check_search(self, D: np.ndarray) -> int:
         """Result at the end of a step D, as `Found`."""
         return int(self.library.fx_check_members(self.c, self._doubles(D)))
 

@@ -177,7 +177,7 @@ class ValuesOverTime(Signal):
 
     def __init__(self, function: SignalAlong, nearest: NearestValues):
         super().__init__(function, len(nearest.points) * function.size)
-        self._nearest, self._values_at = nearest, function.at
+        self._nearest, self._values_at = nearest, function.values_at
         self._is_rough, self._calls, self._next_look = False, 0, 0
 
     def __call__(self, *arguments: float) -> np.ndarray:

@@ -29,7 +29,7 @@ class ParameterFunctions:
         if any([a.is_constant != b.is_constant for a, b in pairs]):
             raise OtherStructureError("parameters that were constant vary in time, or conversely")
 
-    def at(self, t: float) -> np.ndarray:
+    def values_at(self, t: float) -> np.ndarray:
         """The values (n,) at a time [s]; StepError if a function fails."""
         pairs = zip(self.functions, self.names, strict=True)
         return np.array([evaluate(f, t, f"parameter {name!r}")[0] for f, name in pairs])
@@ -62,7 +62,7 @@ class ParameterValues:
         """Take the values of the same parameters of a scene, by their functions of time."""
         if self.names:
             self.signals, self._held = signals, False
-            self.use(self.at(0.0))
+            self.use(self.values_at(0.0))
 
     def in_block(self, block: Any) -> ParameterValues:
         """Parameters whose values are in the block of a run; what reads them is to be added."""
@@ -113,12 +113,12 @@ class ParameterValues:
     def hold(self, t: float) -> None:
         """Keep the values at a time [s], as in statics."""
         if self.names:
-            self.use(self.signals.at(t))
+            self.use(self.signals.values_at(t))
             self._held = True
 
-    def begin(self, level: float, values: np.ndarray | None = None) -> None:
+    def set_step_values(self, level: float, values: np.ndarray | None = None) -> None:
         """Set the values of a step: at the time of its level [s], or `values` (n,)."""
-        self.use(self.at(level) if values is None else values)
+        self.use(self.values_at(level) if values is None else values)
 
     def use(self, values: np.ndarray | None) -> None:
         """Set the values (n,)."""
@@ -127,9 +127,9 @@ class ParameterValues:
             for reader in self._readers:
                 reader(self.values)
 
-    def at(self, t: float) -> np.ndarray:
+    def values_at(self, t: float) -> np.ndarray:
         """The values (n,) at a time [s]; StepError if a function fails."""
-        return self.values.copy() if self._held else self.signals.at(t)
+        return self.values.copy() if self._held else self.signals.values_at(t)
 
     def at_times(self, times: np.ndarray) -> MaybeDual:
         """The values (times, n) at some times [s]."""

@@ -33,7 +33,7 @@ class Role(enum.IntEnum):
     CONTACT, OTHER, EXTERNAL, SLIDE = range(4)
 
 
-class Load(NamedTuple):
+class FrictionNormalForce(NamedTuple):
     """The force of a joint that limits friction on it: all of it, or its part across an axis."""
 
     joint: int = -1
@@ -57,7 +57,7 @@ class PointForce(NamedTuple):
     role: Role = Role.OTHER
     #: Of a contact the number of nodes, the first ones, on which the force on its point acts.
     nodes: int = 0
-    load: Load = Load()
+    load: FrictionNormalForce = FrictionNormalForce()
     #: The contact or force between points to which it belongs, as text; empty for a joint.
     owner: str = ""
     #: Number of that force between points, or -1.
@@ -283,7 +283,7 @@ class PointForces:
         return self.first_contacts + (self.members.slots if self.members else 0)
 
     @property
-    def followed(self) -> np.ndarray:
+    def normal_forces(self) -> np.ndarray:
         """Internal variables that are forces of joints, which friction follows in a step."""
         following = (placed for placed in self.placed if placed.force.load.joint >= 0)
         return np.array([placed.first_internal + 2 for placed in following], dtype=int)

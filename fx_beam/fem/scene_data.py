@@ -81,7 +81,7 @@ def arms_of(scene: Scene) -> dict[int, Arm]:
     return arms
 
 
-class Data(NamedTuple):
+class SceneArrays(NamedTuple):
     """The numbers of a scene, with slopes that it has."""
 
     scene: Scene
@@ -102,7 +102,7 @@ class Data(NamedTuple):
     loaded_beams: LoadedBeams
     parts: Parts
 
-    def lies_as(self, other: Data) -> bool:
+    def lies_as(self, other: SceneArrays) -> bool:
         """Whether nodes and joints are where other data have them, or nothing depends on it."""
         if self.arms != other.arms:
             return False

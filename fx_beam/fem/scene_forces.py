@@ -42,7 +42,7 @@ from fx_beam.scene.loads import damping_of
 from fx_beam.scene.scene import Scene
 
 from .mesh import Mesh, rotation_of
-from .point_forces import Load, PointForce, Role
+from .point_forces import FrictionNormalForce, PointForce, Role
 
 
 @functools.cache
@@ -168,13 +168,13 @@ class SceneForces:
             for name, coordinate in joint.coordinates.items():
                 if not isinstance(friction := coordinate.friction, Coulomb):
                     continue
-                (kind, place), load = _place_on(joint, name), Load(joint.number)
+                (kind, place), load = _place_on(joint, name), FrictionNormalForce(joint.number)
                 moving = [self._mesh.dofs.size + joint.number]
                 if kind is ANGLE:
                     moving = [dof for dof in place["dofs"] if dof >= 0]
                 elif joint.axis is not None:
                     axis = tuple(joint.kinematics.tangent(0.0).tolist())
-                    load = Load(joint.number, axis, rotation_of(joint.a))
+                    load = FrictionNormalForce(joint.number, axis, rotation_of(joint.a))
                 moves = self._mobility[moving].sum()
                 tau, mu, stiffness = friction_numbers(friction, 1.0, moves)
                 numbers = [tau, mu * (friction.radius or 1.0), stiffness]

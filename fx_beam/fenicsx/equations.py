@@ -44,7 +44,7 @@ class StepInC(NamedTuple):
     f: np.ndarray
 
 
-class Equations:
+class ReducedEquations:
     """Forces r (size,) of a step at unknowns, and their tangent.
 
     dolfinx has those of beams; masses, points, joints and the reduction are the engine's.
@@ -69,7 +69,7 @@ class Equations:
         self._interval: Interval | None = None
         # End of the last step [s], and forces (size,) of added terms in it.
         self._last_step = np.nan, np.zeros(n)
-        reduction.begin(np.zeros(n), slides_at_start(loop.model.scene))
+        reduction.set_start(np.zeros(n), slides_at_start(loop.model.scene))
         #: Unknowns of the last step.
         self.unknowns = Unknowns(assembly)
 
@@ -79,7 +79,7 @@ class Equations:
         if form.natural is not None:
             self._natural = form.grid.at_points([form.natural])
 
-    def begin(self, dt: float) -> None:
+    def begin_step(self, dt: float) -> None:
         """Begin a sub-step at the state in C."""
         reduction, strains = self.model.reduction, self.model.data.natural
         # The end less the start differs from dt by round-off, which would count as work.
@@ -114,9 +114,9 @@ class Equations:
         self._interval, self._start = interval, start
         sub_step = self.loop.problem.c.work.run.sub_step
         values = self.model.forms.parameters.values.copy()  # C has those at the level of the step
-        self._engine.begin(interval, start.changed(parameters=values))
+        self._engine.set_start(interval, start.changed(parameters=values))
         self._engine.take_beams(self._beam_forces, self._tangent, sub_step)
-        self.assembly.fields.begin(interval, start, natural)
+        self.assembly.fields.set_start(interval, start, natural)
         if not np.array_equal(self.model.reduction.independent, self.unknowns.independent):
             self.unknowns = Unknowns(self.assembly)
 
@@ -146,7 +146,7 @@ class Equations:
         self._balance()
 
     def _balance(self) -> None:
-        balance = self._engine.at(self._y, self._driven, self.dead)
+        balance = self._engine.evaluate(self._y, self._driven, self.dead)
         self.forces = balance.r.copy()
         #: Forces (n,) on the unknowns, Tv^T r.
         self.residual = balance.residual[self.unknowns.independent]
@@ -172,7 +172,7 @@ class Equations:
         still = state.changed(v=0 * state.v, a=0 * state.a)
         self._begin(interval, still, state.natural)
         batch = StepBatch.single(state.t, _SLOW, q=still.q, v=still.v, slides=still.slides)
-        model.forms.compiled_points.begin(interval, batch)
+        model.forms.compiled_points.begin_step(interval, batch)
         self._y, self._driven = np.zeros(model.reduction.free), np.zeros(model.reduction.driven)
         self.evaluate(self.y)
         K = self.tangent().copy()

@@ -35,9 +35,9 @@ from fx_beam.step.step_failures import StepFailed
 from .modes import Modes, eigenpairs, modes_of
 from .newton import PetscOptions
 from .replaced_rows import ReplacedRows
-from .steps import Steps
+from .steps import DolfinxSteps
 from .trial_step import TrialStep, trial_step
-from .versions import Mesh
+from .versions import DolfinxMesh
 
 # Unknowns up to which all eigenvalues are found at once.
 _FEW = 200
@@ -45,7 +45,7 @@ _FEW = 200
 _SYMMETRIC = 1e-9
 
 
-class Equilibrium(Steps):
+class Equilibrium(DolfinxSteps):
     """A scene as a static problem of dolfinx: equilibria at rising load factors.
 
     As `Problem`, but for inertia: all loads are multiplied by the load factor. A step goes where
@@ -124,7 +124,7 @@ class Equilibrium(Steps):
         petsc_options: PetscOptions | None = None,
         newton: NewtonOptions | None = None,
         comm: MPI.Comm = MPI.COMM_SELF,
-        mesh: Mesh | None = None,
+        mesh: DolfinxMesh | None = None,
     ):
         check_scene(scene, "fenicsx.Equilibrium")
         model, newton = Model(scene, AtRest()), newton or NewtonOptions()

@@ -16,17 +16,17 @@ from fx_beam.laws.kinematics import Step
 from fx_beam.results.state import State
 from fx_beam.step.model import Model
 
-from .grid import Grid
+from .grid import BeamMesh
 
 
-class StepFields:
+class DolfinxFields:
     """Fields of a step: its start, its increment, and the state q, v, a at its end.
 
     Arrays (size,) have all degrees of freedom of a scene, on each process.
     """
 
     def __init__(
-        self, written: WeakForm, model: Model, grid: Grid, state: list[fem.Function] | None
+        self, written: WeakForm, model: Model, grid: BeamMesh, state: list[fem.Function] | None
     ):
         fields, data = written.fields, written.symbols
         #: Names of the Functions and Constants of the form.
@@ -70,11 +70,11 @@ class StepFields:
         for name, symbol in named.items():
             grid.fill(symbol, np.asarray(grid.beams.data.values[name], dtype=float))
 
-    def begin(self, interval: Interval, state: State, natural: np.ndarray | None) -> None:
+    def set_start(self, interval: Interval, state: State, natural: np.ndarray | None) -> None:
         """Set the start of a step, and natural strains (cells, degree, 3) at its end."""
         fields, rates = self.symbols, self._rates
         length, factor = interval.length, interval.end if rates.at_rest else 1.0
-        self._set_numbers(time=interval.at(rates.level), dt=1.0 if rates.at_rest else length)
+        self._set_numbers(time=interval.time_at(rates.level), dt=1.0 if rates.at_rest else length)
         self._set_numbers(load_factor=factor, load_increment=length, memory=state.memory(length))
         self._start_q = state.q
         v, a = fields.start_rates

@@ -23,8 +23,8 @@ from fx_beam.laws.written import Formulas, Paper
 from fx_beam.scene.law import Law
 from fx_beam.step.model import Model
 
-from .fields import StepFields
-from .grid import Grid
+from .fields import DolfinxFields
+from .grid import BeamMesh
 from .symbols import DolfinxSymbols
 from .versions import CompiledForm, compiled, confuses_rules, fits, is_empty, terminals
 
@@ -35,10 +35,10 @@ StrainEnergy = Callable[[Expr, Expr, Expr], Expr]
 _COUNTED = {"lost energy", "scheme's loss", "work of natural strains"}
 
 
-class Term:
+class ResidualTerm:
     """A term of the residual, compiled with its tangent when a step first needs it."""
 
-    def __init__(self, form: ufl.Form, fields: StepFields, over_beams: ufl.Form | None = None):
+    def __init__(self, form: ufl.Form, fields: DolfinxFields, over_beams: ufl.Form | None = None):
         self.form, self._fields = form, fields
         #: The same form, of which subdomains are beams.
         self.over_beams = over_beams or form
@@ -61,7 +61,7 @@ class StepForm:
     def __init__(
         self,
         model: Model,
-        grid: Grid,
+        grid: BeamMesh,
         before: StepForm | None = None,
         resultants: Resultants | None = None,
         strain_energy: StrainEnergy | None = None,
@@ -77,7 +77,7 @@ class StepForm:
         self._resultants: Any = kind.scheme.resultants
         written = WeakForm(kind, DolfinxSymbols(grid, grid.tagged(grid.beams.data.tags)))
         state = before.fields.state if before else None
-        self.fields: StepFields = StepFields(written, model, grid, state)
+        self.fields: DolfinxFields = DolfinxFields(written, model, grid, state)
         # What was checked, which takes a while, and symbols that steps no longer set.
         self._checked: set[Expr | ufl.Form] = set()
         self._dead: set[Expr] = before._dead | {*before.fields.named} if before else set()
@@ -90,9 +90,9 @@ class StepForm:
         #: Terms of the scene, and of a user. Each is assembled by itself: FFCx 0.5 confuses
         #: quadrature rules.
         self.terms = [
-            Term(forms[name], self.fields, grid.of_materials(forms[name])) for name in names
+            ResidualTerm(forms[name], self.fields, grid.of_materials(forms[name])) for name in names
         ]
-        self.added: list[Term] = []
+        self.added: list[ResidualTerm] = []
         #: Natural strains (3,) at the end of a step in UFL, by a user.
         self.natural: Expr | None = before.natural if before else None
         strains, dx = self.fields.step.strains0, grid.measure(None, None)
@@ -204,7 +204,7 @@ class StepForm:
         self.check(name, form)
         return form
 
-    def term(self, name: str, form: ufl.Form) -> Term:
+    def term(self, name: str, form: ufl.Form) -> ResidualTerm:
         """A term of the residual by a user, if it is one."""
         test, term = self.fields.symbols.test, self._integral_of(name, form)
         linear = f"fenicsx: {name}: it must be linear in step.virtual_u and step.virtual_psi"
@@ -218,7 +218,7 @@ class StepForm:
                 arities.check_integrand_arity(integral.integrand(), (test,))
         except (ValueError, arities.ArityMismatch) as error:  # the first of products of both
             raise SceneError(f"{linear}, not {str(term)[:200]}") from error
-        return Term(form, self.fields)
+        return ResidualTerm(form, self.fields)
 
     def check(self, name: str, *parts: Expr | ufl.Form) -> None:
         """Refuse symbols of another mesh, of a form before, and symbols without values."""

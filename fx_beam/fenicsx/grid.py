@@ -38,7 +38,7 @@ from .versions import (
 )
 
 
-class Grid:
+class BeamMesh:
     """A mesh of dolfinx with the elements of a scene; each process has a part of them.
 
     Values of elements (cells, ...) are in the scene's order, and of all of them.

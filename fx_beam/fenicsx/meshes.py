@@ -13,13 +13,15 @@ from fx_beam.scene.mesh import MeshBeams
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 
-from .versions import Mesh, MeshTags, cell_ends, cell_nodes, cell_vertices, fits
+from .versions import DolfinxMesh, MeshTags, cell_ends, cell_nodes, cell_vertices, fits
 
 
 class BeamsOfMesh(MeshBeams):
     """Beams of the cells of a mesh of dolfinx, in their order, with tags of cells and points."""
 
-    def __init__(self, beams: MeshBeams, nodes: list[Node], mesh: Mesh, tags: np.ndarray | None):
+    def __init__(
+        self, beams: MeshBeams, nodes: list[Node], mesh: DolfinxMesh, tags: np.ndarray | None
+    ):
         super().__init__(nodes, beams.cells)
         self.extend(beams)
         self._mesh, self._tags = mesh, tags
@@ -78,7 +80,7 @@ class BeamsOfMesh(MeshBeams):
 
 def beams_of(
     scene: Scene,
-    mesh: Mesh,
+    mesh: DolfinxMesh,
     section: Section | Mapping[int, Section],
     cell_tags: MeshTags | None = None,
     **options: Any,

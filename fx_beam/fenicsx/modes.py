@@ -13,7 +13,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 
-from .equations import Equations
+from .equations import ReducedEquations
 
 
 class Modes(NamedTuple):
@@ -25,7 +25,7 @@ class Modes(NamedTuple):
     functions: list[fem.Function]
 
 
-def modes_of(equations: Equations, K: PETSc.Mat, n: int) -> Modes:
+def modes_of(equations: ReducedEquations, K: PETSc.Mat, n: int) -> Modes:
     """The lowest modes; SceneError if there is one that grows."""
     pairs, fields, mass = eigenpairs(equations, K, n), equations.assembly.fields, equations.mass
     squares = np.array([square.real for square, _ in pairs])
@@ -43,7 +43,9 @@ def modes_of(equations: Equations, K: PETSc.Mat, n: int) -> Modes:
     return Modes(np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi), functions)
 
 
-def eigenpairs(equations: Equations, K: PETSc.Mat, n: int) -> list[tuple[complex, np.ndarray]]:
+def eigenpairs(
+    equations: ReducedEquations, K: PETSc.Mat, n: int
+) -> list[tuple[complex, np.ndarray]]:
     """Squares of circular frequencies next to zero [1/s^2], rising, and unknowns (n,) of each."""
     if importlib.util.find_spec("slepc4py") is None:
         raise SceneError("fenicsx: eigenvalues need SLEPc: install Debian's python3-slepc4py")

@@ -11,7 +11,7 @@ import numpy as np
 
 from fx_beam.step.newton import LONGEST_TURN, NewtonOptions
 
-from .equations import Equations, NoConfigurationError
+from .equations import NoConfigurationError, ReducedEquations
 
 # Unknowns from which on MUMPS is faster than PETSc's own factors.
 _MANY = 20_000
@@ -30,7 +30,7 @@ class Newton:
     records.
     """
 
-    def __init__(self, equations: Equations, newton: NewtonOptions, options: PetscOptions):
+    def __init__(self, equations: ReducedEquations, newton: NewtonOptions, options: PetscOptions):
         self._equations, self._newton = equations, newton
         problem, n = equations.loop.problem, equations.model.size
         self._c, self._constants = problem.c, problem.constants
@@ -50,7 +50,7 @@ class Newton:
 
     def _find(self, dt: float, iterations: MutableSequence[int]) -> int:
         """The increment of a sub-step, from the state in the memory of C, and into it."""
-        self._equations.begin(dt)
+        self._equations.begin_step(dt)
         if self._unknowns is not self._equations.unknowns:
             self.snes.reset()
             self._set_functions()

@@ -20,7 +20,7 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.initial_state import Starts, drawn_state
 from fx_beam.motions.options import Options, check_scene, grid_from
-from fx_beam.motions.prepared import Prepared
+from fx_beam.motions.prepared import MotionSetup
 from fx_beam.motions.progress import attach, failure_of
 from fx_beam.motions.run import warn_of_parts, warn_of_rounding
 from fx_beam.results.solution import Solution
@@ -34,12 +34,12 @@ from fx_beam.step.recorder import NullRecorder, Record, Recorder
 from .modes import Modes, modes_of
 from .newton import PetscOptions
 from .replaced_rows import ReplacedRows
-from .steps import Steps
+from .steps import DolfinxSteps
 from .trial_step import TrialStep, trial_step
-from .versions import Mesh
+from .versions import DolfinxMesh
 
 
-class Problem(Steps):
+class Problem(DolfinxSteps):
     """A scene as a variational problem of dolfinx, whose steps in time PETSc takes.
 
     The weak form is that of the engine, with Functions and Constants of dolfinx as its symbols.
@@ -130,7 +130,7 @@ class Problem(Steps):
         newton: NewtonOptions | None = None,
         max_halvings: int = 0,
         comm: MPI.Comm = MPI.COMM_SELF,
-        mesh: Mesh | None = None,
+        mesh: DolfinxMesh | None = None,
     ):
         check_scene(scene, "fenicsx.Problem")
         options = Options(
@@ -140,7 +140,7 @@ class Problem(Steps):
             newton=newton,
             max_halvings=max_halvings,
         )
-        self._prepared = prepared = Prepared(Model(scene, options.scheme), options)
+        self._prepared = prepared = MotionSetup(Model(scene, options.scheme), options)
         super().__init__(prepared.loop, options.newton, petsc_options, comm, mesh)
         #: Length of a step [s].
         self.dt: float = options.dt
@@ -235,7 +235,7 @@ class Problem(Steps):
         self, interval: Interval, state: State, D: np.ndarray, forces: StepForces
     ) -> np.ndarray:
         """Forces (size,) that the engine does not have."""
-        self._form.fields.begin(interval, state, state.natural)
+        self._form.fields.set_start(interval, state, state.natural)
         internal, added = self._equations.assembly.residual(D)
         if not self._form.replaced:
             return added
@@ -282,7 +282,7 @@ class Problem(Steps):
         rows = ReplacedRows(self._equations.assembly, recorder)
         if self._starts and self._form.has_further:
             self._accelerate()
-        prepared.stepper.begin(self._state, recorder)
+        prepared.stepper.begin_rows(self._state, recorder)
         self._hold_in_an_instant()
         rows.follow()
 
@@ -344,7 +344,7 @@ class Problem(Steps):
         if self._form.replaced:
             length, state = INSTANT * self.dt, self._state
             start = state.changed(q=state.q - 0.5 * length * state.v)
-            self._form.fields.begin(Interval(self.t, self.t, length), start, start.natural)
+            self._form.fields.set_start(Interval(self.t, self.t, length), start, start.natural)
             self._equations.assembly.residual(length * start.v)
 
     def set_state(
@@ -371,7 +371,7 @@ class Problem(Steps):
         now, model, fields = self._state, self._equations.model, self._form.fields
         wanted = now.q if q is None else fields.in_scene(q, now.q, "q")
         rates = fields.in_scene(np.zeros(now.v.shape) if v is None else v, 0 * now.v, "v")
-        model.reduction.begin(now.q, now.slides)
+        model.reduction.set_start(now.q, now.slides)
         slid = slides_near(model, wanted[None], now.slides[None])[0] - now.slides
         y = model.couplings.unknowns(wanted - now.q, slid)
         D = model.reduction.increment(y, np.zeros(model.reduction.driven))

@@ -20,15 +20,15 @@ from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.newton import NewtonOptions
 
 from .assembly import Assembly
-from .equations import Equations
+from .equations import ReducedEquations
 from .form import Resultants, StepForm, StrainEnergy
-from .grid import Grid
+from .grid import BeamMesh
 from .newton import Newton, PetscOptions
 from .system import System
-from .versions import Mesh
+from .versions import DolfinxMesh
 
 
-class Steps:
+class DolfinxSteps:
     """A scene on a mesh of dolfinx, in a state; see `Problem` and `Equilibrium`."""
 
     # Present state.
@@ -40,20 +40,20 @@ class Steps:
         newton: NewtonOptions,
         petsc_options: PetscOptions | None,
         comm: MPI.Comm,
-        mesh: Mesh | None,
+        mesh: DolfinxMesh | None,
     ):
         model, beams = loop.model, loop.model.forms.beams
         if beams is None:
             raise SceneError("fenicsx: the scene has no beams, of which a mesh could be made")
         self._options = newton, petsc_options or {}
-        grid = Grid(model.scene, model.mesh, beams, comm, mesh)
+        grid = BeamMesh(model.scene, model.mesh, beams, comm, mesh)
         self._set_form(StepForm(model, grid), loop)
 
     def _set_form(self, form: StepForm, loop: CompiledLoop) -> None:
         """Have a form with its fields, equations and solver."""
         newton, petsc_options = self._options
         self._form, fields = form, form.fields
-        self._equations = Equations(Assembly(form, loop.model), loop, newton.max_turn)
+        self._equations = ReducedEquations(Assembly(form, loop.model), loop, newton.max_turn)
         self.mesh, self.cell_tags = form.grid.mesh, form.grid.cell_tags
         self.cell_map = loop.model.mesh.beam_of_cell[form.grid.cells]
         self.system = System(self._equations)

@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.fem.elements import Symbols
 
-from .grid import Grid
+from .grid import BeamMesh
 from .versions import Element, MeshTags
 
 
@@ -25,7 +25,7 @@ class NamedConstant(fem.Constant):
 class DolfinxSymbols(Symbols):
     """Makes the symbols of forms on a mesh; the tags of cells number materials."""
 
-    def __init__(self, grid: Grid, materials: MeshTags):
+    def __init__(self, grid: BeamMesh, materials: MeshTags):
         super().__init__(grid.mesh.ufl_domain())
         self._grid, self._materials = grid, materials
 

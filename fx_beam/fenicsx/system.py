@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 
 from .assembly import csr_of
-from .equations import Equations
+from .equations import ReducedEquations
 
 
 class System:
@@ -23,7 +23,7 @@ class System:
         Those of a problem, which makes its `system` itself.
     """
 
-    def __init__(self, equations: Equations):
+    def __init__(self, equations: ReducedEquations):
         self._equations, self._assembly = equations, equations.assembly
 
     @property

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from fx_beam.errors import SceneError
 
-from .equations import Equations
+from .equations import ReducedEquations
 from .newton import Newton
 
 
@@ -35,7 +35,7 @@ class TrialStep:
         Predicted unknowns at the end of the step, from which iterations may start.
     """
 
-    def __init__(self, newton: Newton, equations: Equations, advance: Callable[[], None]):
+    def __init__(self, newton: Newton, equations: ReducedEquations, advance: Callable[[], None]):
         self._newton, self._equations, self._advance = newton, equations, advance
         self.y: PETSc.Vec = equations.unknowns.A.createVecRight()
         self.y.array[:] = equations.unknowns.own(equations.y)
@@ -92,7 +92,10 @@ class TrialStep:
 
 @contextmanager
 def trial_step(
-    newton: Newton, equations: Equations, prepare: Callable[[], None], advance: Callable[[], None]
+    newton: Newton,
+    equations: ReducedEquations,
+    prepare: Callable[[], None],
+    advance: Callable[[], None],
 ) -> Iterator[TrialStep]:
     """A step that `prepare` begins without an end, and that `advance` takes if it is accepted."""
     newton.own = newton.stay

@@ -23,7 +23,7 @@ import numpy as np
 from fx_beam.fem import ffcx_api
 
 _log = logging.getLogger("fx_beam")
-Mesh = dolfinx.mesh.Mesh
+DolfinxMesh = dolfinx.mesh.Mesh
 #: What versions type in different ways: elements of UFL or of basix, tags, and what is compiled.
 Element = Any
 MeshTags = Any
@@ -74,7 +74,7 @@ def compiled(form: ufl.Form) -> CompiledForm:
 
 
 @quiet()
-def create_mesh(comm: MPI.Comm, cells: np.ndarray, X: np.ndarray, element: Element) -> Mesh:
+def create_mesh(comm: MPI.Comm, cells: np.ndarray, X: np.ndarray, element: Element) -> DolfinxMesh:
     """A mesh of intervals in the plane, which may branch; each process has a part of its cells."""
     make = dolfinx.mesh.create_mesh
     options: dict[str, object] = {"e" if _takes(make, "e") else "domain": ufl.Mesh(element)}
@@ -86,7 +86,7 @@ def create_mesh(comm: MPI.Comm, cells: np.ndarray, X: np.ndarray, element: Eleme
     return make(comm, cells=cells[: len(cells) * first], x=X[: len(X) * first], **options)
 
 
-def function_space(mesh: Mesh, element: Element) -> fem.FunctionSpace:
+def function_space(mesh: DolfinxMesh, element: Element) -> fem.FunctionSpace:
     """A function space."""
     return _compiling(getattr(fem, "functionspace", fem.FunctionSpace), mesh, element)
 
@@ -96,7 +96,7 @@ def _rows(table: object, width: int) -> np.ndarray:
     return np.asarray(getattr(table, "array", table)).reshape(-1, width)
 
 
-def count_cells(mesh: Mesh) -> tuple[int, int]:
+def count_cells(mesh: DolfinxMesh) -> tuple[int, int]:
     """Number of cells that this process owns, and number that it has, copies included."""
     cells = mesh.topology.index_map(1)
     return cells.size_local, cells.size_local + cells.num_ghosts
@@ -110,7 +110,7 @@ def cell_dofs(space: fem.FunctionSpace) -> np.ndarray:
     return (size * dofs[..., None] + np.arange(size)).reshape(-1, size * width)
 
 
-def cell_nodes(mesh: Mesh) -> np.ndarray:
+def cell_nodes(mesh: DolfinxMesh) -> np.ndarray:
     """Numbers (cells, width) of the nodes of cells among `mesh.geometry.x`, ends first."""
     geometry = mesh.geometry
     dofs = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
@@ -118,18 +118,18 @@ def cell_nodes(mesh: Mesh) -> np.ndarray:
     return rows.reshape(count, rows.size // count if count else 2)
 
 
-def cell_ends(mesh: Mesh) -> np.ndarray:
+def cell_ends(mesh: DolfinxMesh) -> np.ndarray:
     """Numbers (cells, 2) of the nodes at the ends of cells."""
     return cell_nodes(mesh)[:, :2]
 
 
-def cell_vertices(mesh: Mesh) -> np.ndarray:
+def cell_vertices(mesh: DolfinxMesh) -> np.ndarray:
     """Vertices (cells, 2) at the ends of cells, in the order of the ends in the cells' geometry."""
     mesh.topology.create_connectivity(1, 0)
     return _rows(mesh.topology.connectivity(1, 0), 2)
 
 
-def exterior_facets(mesh: Mesh) -> np.ndarray:
+def exterior_facets(mesh: DolfinxMesh) -> np.ndarray:
     """Vertices of this process in which a single cell ends."""
     mesh.topology.create_connectivity(0, 1)
     exterior = dolfinx.mesh.exterior_facet_indices
@@ -141,7 +141,7 @@ def compiled_expression(expression: Expr, points: np.ndarray) -> CompiledExpress
     return _compiling(fem.Expression, expression, points)
 
 
-def values_of(expression: CompiledExpression, mesh: Mesh, cells: np.ndarray) -> np.ndarray:
+def values_of(expression: CompiledExpression, mesh: DolfinxMesh, cells: np.ndarray) -> np.ndarray:
     """Values of an expression in some cells."""
     mesh_too = [mesh] * _takes(expression.eval, "mesh")
     return np.asarray(expression.eval(*mesh_too, cells.astype(np.int32)))
@@ -161,7 +161,7 @@ def terminals(part: Expr | ufl.Form) -> set[Expr]:
     return {terminal for expression in expressions for terminal in unique(expression)}
 
 
-def fits(tags: MeshTags, mesh: Mesh) -> bool:
+def fits(tags: MeshTags, mesh: DolfinxMesh) -> bool:
     """Whether tags are of a mesh, where dolfinx says of which they are, and else is sure of it."""
     return not hasattr(tags, "mesh") or tags.mesh.topology is mesh.topology
 

@@ -26,7 +26,7 @@ class Interval(NamedTuple):
         """End minus start."""
         return self.end - self.start if self.own_length is None else self.own_length
 
-    def at(self, level: float) -> float:
+    def time_at(self, level: float) -> float:
         """Time at a level of the step: 0 is its start, 1 its end."""
         return self.start + level * (self.end - self.start)
 

@@ -84,7 +84,7 @@ class ForceStep:
         return 2 * tan(D / 2) if self.rule.turning else D
 
 
-class StepForces(NamedTuple):
+class LawForces(NamedTuple):
     """Forces and memory of a law in a step."""
 
     #: Forces (size,) against the motion, as UFL scalars.
@@ -107,7 +107,7 @@ class PointLaw:
     #: Number of coordinates, and of the numbers of each force.
     size: int
     numbers: int
-    forces: Callable[[ForceStep], StepForces]
+    forces: Callable[[ForceStep], LawForces]
     #: Energy stored at the start of a step, and lost in it.
     energy: Callable[[ForceStep], Expr] | None = None
     loss: Callable[[ForceStep], Expr] | None = None
@@ -260,9 +260,9 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
             paths[-1] = motion.path(paths[-1])
         return [motion.mean_rate(path) for path in paths]
 
-    def forces(motion: ForceStep) -> StepForces:
+    def forces(motion: ForceStep) -> LawForces:
         rates = zip(motion.rates, mean(motion), strict=True)
-        return StepForces(against(motion, [motion.rate_at_level(v0, v) for v0, v in rates]))
+        return LawForces(against(motion, [motion.rate_at_level(v0, v) for v0, v in rates]))
 
     def loss(motion: ForceStep) -> Expr:
         v = mean(motion)
@@ -272,11 +272,11 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
     return PointLaw(name, 2 * moves + rotation, linear + quadratic + rotation, forces, loss=loss)
 
 
-def _follower(motion: ForceStep) -> StepForces:
+def _follower(motion: ForceStep) -> LawForces:
     psi = motion.at_level(motion.start[2], motion.increment[2])
     x, y, factor = motion.numbers
     c, s = factor * ufl.cos(psi), factor * ufl.sin(psi)
-    return StepForces([s * y - c * x, -s * x - c * y, ufl.as_ufl(0.0)])
+    return LawForces([s * y - c * x, -s * x - c * y, ufl.as_ufl(0.0)])
 
 
 #: R(psi) F, with psi and F at the scheme's level; numbers: F, load factor. It has no potential,

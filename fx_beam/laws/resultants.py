@@ -26,7 +26,7 @@ from .kinematics import (
 _AT_REST = 1e-300
 
 
-class Nodes(NamedTuple):
+class NodeRotations(NamedTuple):
     """Rotations at the nodes of an element, as UFL vectors in the order of `lagrange`."""
 
     #: Increments and virtual rotations.

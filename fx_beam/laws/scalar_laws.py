@@ -20,10 +20,10 @@ from .point_laws import (
     REMEMBERED,
     CoordinateKind,
     ForceStep,
+    LawForces,
     PointLaw,
     Slip,
     StepCoordinate,
-    StepForces,
     clipped,
     smooth_sign,
 )
@@ -67,23 +67,23 @@ class _Step(NamedTuple):
 
     def forces(
         self, elastic: Expr = 0.0, other: Expr = 0.0, friction: Expr = 0.0, **memory: Sequence[Expr]
-    ) -> StepForces:
+    ) -> LawForces:
         """A force with a potential and another one, both against an increase of the coordinate.
 
-        With a slip also the friction against it; and what `StepForces` has besides.
+        With a slip also the friction against it; and what `LawForces` has besides.
         """
         pairs = zip(self.x.along, self.x.across, strict=True)
         total = [elastic * a + other * b for a, b in pairs]
         if self.slip is not None:
             total = [force + friction * c for force, c in zip(total, self.slip.along, strict=True)]
-        return StepForces(total, pull=elastic + other, **memory)
+        return LawForces(total, pull=elastic + other, **memory)
 
 
 def _point_law(
     kind: CoordinateKind,
     name: str,
     numbers: int,
-    forces: Callable[[_Step], StepForces],
+    forces: Callable[[_Step], LawForces],
     energy: Callable[[_Step], Expr] | None = None,
     loss: Callable[[_Step], Expr] | None = None,
     switches: Callable[[_Step], list] | None = None,
@@ -107,7 +107,7 @@ def _point_law(
         )
         return moving._replace(still=still)
 
-    def with_counters(motion: ForceStep) -> StepForces:
+    def with_counters(motion: ForceStep) -> LawForces:
         given = forces(here := step(motion))
         return given._replace(internal=[*given.internal, *here.x.counters])
 
@@ -133,7 +133,7 @@ def _point_law(
 def spring(kind: CoordinateKind, damped: bool) -> PointLaw:
     """A linear spring; numbers: stiffness, rest, and viscosity if it is `damped`."""
 
-    def forces(step: _Step) -> StepForces:
+    def forces(step: _Step) -> LawForces:
         k, rest, *c = step.numbers
         stretch = step.motion.at_level(step.x.start, step.x.end - step.x.start) - rest
         return step.forces(k * stretch, c[0] * step.rate if damped else 0.0)
@@ -176,7 +176,7 @@ def stored_energy(
             return old, old, old
         return evolved(internal, old, (x0,), (x1,), step.motion.dt, step.motion.rule.at_rest)
 
-    def forces(step: _Step) -> StepForces:
+    def forces(step: _Step) -> LawForces:
         x0, x1 = ends(step)
         old, new, _ = variables(step)
         level = step.motion.rule.level
@@ -247,7 +247,7 @@ def friction(kind: CoordinateKind, magnitude: Callable[[Expr], Expr] | None = No
     def force(step: _Step, rate: Expr) -> Expr:
         return step.numbers[1] if magnitude is None else magnitude(rate)
 
-    def forces(step: _Step) -> StepForces:
+    def forces(step: _Step) -> LawForces:
         sign, memory = step.sign(step.numbers[0])
         return step.forces(other=force(step, step.rate) * sign, iteration_memory=memory)
 
@@ -272,7 +272,7 @@ def joint_friction(kind: CoordinateKind) -> PointLaw:
         N = step.motion.internal[2]
         return step._replace(still=still), ufl.conditional(ufl.gt(N, 0), N, 0.0)
 
-    def forces(step: _Step) -> StepForces:
+    def forces(step: _Step) -> LawForces:
         step, N = slips(step)
         friction, internal, memory = _sticking(step, N, N)
         internal = [*internal, step.motion.internal[2]]
@@ -331,7 +331,7 @@ def rope(
         total = stored + share * resisting
         return ufl.conditional(ufl.gt(total, 0), total, 0.0)
 
-    def forces(step: _Step) -> StepForces:
+    def forces(step: _Step) -> LawForces:
         sign, memory = (0.0, []) if friction is None else step.sign(step.numbers[1])
         resisting = resistance(step, step.rate, sign)
         pull = tension(*elastic(step, step.motion.rule.level), resisting)
@@ -367,7 +367,7 @@ def rope(
 def pull(kind: CoordinateKind, force: Callable[[Expr, Expr, Expr], Expr]) -> PointLaw:
     """A force against an increase, from the coordinate, its rate and time; number: load factor."""
 
-    def forces(step: _Step) -> StepForces:
+    def forces(step: _Step) -> LawForces:
         motion, x, (factor,) = step.motion, step.x, step.numbers
         place = motion.at_level(x.start, x.end - x.start)
         return step.forces(other=factor * force(place, step.rate, motion.t))
@@ -410,7 +410,7 @@ class _OneSided(NamedTuple):
         _, r, speed, *_ = step.numbers
         return r * self.push(step, level) * ufl.tanh(step.mean / speed)
 
-    def forces(self, step: _Step) -> StepForces:
+    def forces(self, step: _Step) -> LawForces:
         """Forces against the motion, with internal variables and iteration memory."""
         step = self.gap(step)
         normal, other = self.push(step), ufl.as_ufl(0.0)

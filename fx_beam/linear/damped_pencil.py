@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse
 
-from fx_beam.step.extended import Extended
+from fx_beam.step.extended import ConstrainedMatrix
 
 # Random vectors of which sizes of diagonals are estimated.
 _SAMPLES = 8
@@ -16,7 +16,7 @@ _SAMPLES = 8
 class Weighted:
     """E^T A E (free, free) of a sparse A (n, n), where y = E x is all that follows unknowns x."""
 
-    def __init__(self, A: scipy.sparse.csr_matrix, stiffness: Extended):
+    def __init__(self, A: scipy.sparse.csr_matrix, stiffness: ConstrainedMatrix):
         self.A, self._stiffness = A, stiffness
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
@@ -36,9 +36,9 @@ class Weighted:
 
 
 class DampedPencil:
-    """K + s C + s^2 M of unknowns; with `Extended` matrices, C and M without equations."""
+    """K + s C + s^2 M of unknowns; with `ConstrainedMatrix` matrices, C and M without equations."""
 
-    def __init__(self, K: Extended, C: Extended, M: Extended):
+    def __init__(self, K: ConstrainedMatrix, C: ConstrainedMatrix, M: ConstrainedMatrix):
         self._stiffness = K
         self.K, self.C, self.M = (Weighted(part.alone, K) for part in (K, C, M))
         parts, n = [part.system.tocoo() for part in (K, C, M)], K.system.shape[0]
@@ -50,7 +50,7 @@ class DampedPencil:
             np.add.at(values, np.searchsorted(pattern, place), part.data)
         self._pattern = pattern % n, np.searchsorted(pattern // n, np.arange(n + 1))
 
-    def at(self, s: complex) -> Extended:
+    def matrix_at(self, s: complex) -> ConstrainedMatrix:
         """The matrix at a number s [1/s]."""
         values, shape = np.array([1, s, s**2]) @ self._values, self._stiffness.system.shape
         matrix = scipy.sparse.csc_matrix((values, *self._pattern), shape)

@@ -144,7 +144,7 @@ def frequency_response(
     unknown_forces = about.unknown_forces(force)
     for row, frequency in zip(values, f, strict=True):
         factor = 1.0 if base is None else (2 * np.pi * frequency) ** 2
-        motion = vibration.at(frequency).solved(factor * unknown_forces)
+        motion = vibration.at_frequency(frequency).solved(factor * unknown_forces)
         row[:] = measured.rows @ motion + measured.node_rows @ moved
     return FrequencyResponse(at, f, measured.names, values)
 
@@ -194,13 +194,13 @@ class Vibration:
         #: Whether K, C and M are symmetric, but for round-off.
         self.symmetric = all(Symmetry.of(A.tocsr(), about.unit, sliding) for A in matrices)
 
-    def at(self, frequency: float) -> Vibration:
+    def at_frequency(self, frequency: float) -> Vibration:
         """Itself, with factors of the matrix at a frequency [Hz]."""
         self._f, w = frequency, 2 * np.pi * frequency
         stiffness, mass = self._diagonals
         self._scale = np.sqrt(stiffness + w**2 * mass)
         self._scale[self._scale == 0] = 1.0
-        self._system = self._pencil.at(1j * w)
+        self._system = self._pencil.matrix_at(1j * w)
         return self
 
     def solved(self, force: np.ndarray, transposed: bool = False) -> np.ndarray:

@@ -584,7 +584,7 @@ def _slopes(about: Deviations, measured: Measured) -> list[tuple[str, np.ndarray
         1.0,
         q=state.q,
         v=rates,
-        parameters=model.forms.parameters.at(state.t),
+        parameters=model.forms.parameters.values_at(state.t),
         spring_internal=state.spring_internal,
         load_factor=np.array(about.factor),
     )
@@ -599,7 +599,7 @@ def _parameters_by_inputs(about: Deviations, names: Sequence[str]) -> np.ndarray
     def changed(name: str, value: np.ndarray) -> np.ndarray:
         inputs.set({name: value})
         inputs.arrive()
-        return parameters.at(about.state.t)
+        return parameters.values_at(about.state.t)
 
     for name in names:
         value = inputs.values[name]

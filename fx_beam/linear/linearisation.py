@@ -28,7 +28,7 @@ from fx_beam.scene.measured import Measured
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import have_mass
 from fx_beam.step.equations import Equations
-from fx_beam.step.extended import Extended
+from fx_beam.step.extended import ConstrainedMatrix
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
 from fx_beam.step.state_values import added_force
@@ -53,8 +53,8 @@ class Linearisation:
     scene: Scene
     model: Model
     #: Stiffness K and mass M (free, free), in long trees with auxiliary unknowns.
-    stiffness: Extended
-    inertia: Extended
+    stiffness: ConstrainedMatrix
+    inertia: ConstrainedMatrix
     #: How all columns and the nodes follow the unknowns.
     coupling: ColumnMap
     #: Numbers (free,) of the unknowns in the model, where others follow to close loops.
@@ -63,7 +63,7 @@ class Linearisation:
     start: State
     #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
     frame: TurningFrame | None
-    coriolis: Extended | None
+    coriolis: ConstrainedMatrix | None
     #: Load factor, zero for the reference, and dead loads (size,) in the state [N, N m].
     factor: float
     loads: np.ndarray
@@ -148,7 +148,7 @@ class Linearisation:
             or (beams is not None and beams.facts.needs_rates)  # in statics: of added virtual works
         )
 
-    def damping(self, caller: str, damped: bool = True) -> Extended | None:
+    def damping(self, caller: str, damped: bool = True) -> ConstrainedMatrix | None:
         """Derivative C of all forces by the rates, without equations; with damping if that counts.
 
         None without any; errors name the `caller`.
@@ -159,7 +159,7 @@ class Linearisation:
         equations = Equations(model, inert=False)
         equations.set_load(self.factor or 1.0)  # of forces that depend on rates
         for dt in (INSTANT, 2 * INSTANT):
-            equations.begin(instant(start.t, dt), start)
+            equations.set_start(instant(start.t, dt), start)
             equations.at_start(np.zeros(model.size))
             tangents.append(equations.extended())
         equations.set_load(1.0)
@@ -306,7 +306,7 @@ def linearised(
     frame = None if state is None else turning_frame_of(model, state, caller)
     equations = Equations(model, start.t, frame)
     force = dead_loads(model, start, factor, frame, added_force(model, start, factor, start.t))
-    equations.begin(Interval(factor, factor), start)
+    equations.set_start(Interval(factor, factor), start)
     balance = equations.at_start(force)
     if reduction.singularity:
         raise SceneError(f"{caller}: {reduction.singularity}. Take a state beside it")
@@ -373,7 +373,7 @@ def settled_reference(scene: Scene, caller: str, settles: bool = True) -> Soluti
     return solution
 
 
-def _without_round_off(M: Extended, unit: np.ndarray) -> Extended:
+def _without_round_off(M: ConstrainedMatrix, unit: np.ndarray) -> ConstrainedMatrix:
     """A mass without equations, and those of unknowns (n,) that are round-off."""
     masses = M.alone.diagonal()
     heavy = have_mass(masses, unit)

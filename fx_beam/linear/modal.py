@@ -17,7 +17,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Excitation, Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import acceleration_of
-from fx_beam.step.extended import Extended
+from fx_beam.step.extended import ConstrainedMatrix
 from fx_beam.step.rounding import warn_of_rounding
 
 from .damped_pencil import DampedPencil, Weighted
@@ -60,7 +60,7 @@ def _not_rigid(
     `unit` [rad/s] has the size of the lowest angular frequency, but is no root. A Rayleigh-Ritz
     method; inverse iteration at the roots extends its subspace.
     """
-    K, C, M, shifted = pencil.K, pencil.C, pencil.M, pencil.at(unit)
+    K, C, M, shifted = pencil.K, pencil.C, pencil.M, pencil.matrix_at(unit)
     Z, zeros = _untouched(C, shifted, rigid, unit)
     masses = M.diagonal()
     MZ, scale = M @ Z, (abs(K.diagonal()) + unit**2 * masses) ** -0.5
@@ -135,7 +135,7 @@ def _independent(parts: list[np.ndarray], scale: np.ndarray, apart: np.ndarray) 
 def _nearer(pencil: DampedPencil, root: complex, x: np.ndarray) -> np.ndarray:
     """Real and imaginary part (size, 2) after a step of inverse iteration at a root."""
     try:
-        x = pencil.at(complex(root)).solve(2 * root * (pencil.M @ x) + pencil.C @ x)
+        x = pencil.matrix_at(complex(root)).solve(2 * root * (pencil.M @ x) + pencil.C @ x)
     except RuntimeError:  # the root is exact
         return np.column_stack([x.real, x.imag])
     return np.column_stack([x.real, x.imag]) / abs(x).max()
@@ -338,7 +338,7 @@ def _bends(about: Linearisation, shapes: np.ndarray) -> bool:
     return bool(np.max(bends, initial=0.0) > _BENT)
 
 
-def lowest_modes(about: Linearisation, C: Extended | None, n: int):
+def lowest_modes(about: Linearisation, C: ConstrainedMatrix | None, n: int):
     """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes.
 
     C is the derivative of the forces by the rates; None for none.
@@ -368,7 +368,7 @@ def lowest_modes(about: Linearisation, C: Extended | None, n: int):
     return _in_order(damped, pencil.M, still, n)
 
 
-def _following(about: Linearisation, C: Extended | None, n: int):
+def _following(about: Linearisation, C: ConstrainedMatrix | None, n: int):
     """The n lowest modes under forces without a potential: two modes may flutter."""
     K, none = about.stiffness, np.empty((len(about.unknowns), 0))
     undamped = K.without_equations.with_data(0 * K.without_equations.system.data)
@@ -406,7 +406,7 @@ def _in_order(damped: Damped, M: Weighted, rigid: np.ndarray, n: int):
     return omega[order], order < len(zeros), ratios[order], roots[order], vectors
 
 
-def _check_held(K: Extended, scale: np.ndarray) -> None:
+def _check_held(K: ConstrainedMatrix, scale: np.ndarray) -> None:
     """SceneError if a part moves freely: its double root at zero would not be found exactly.
 
     `scale` (free,) has roots of stiffnesses.

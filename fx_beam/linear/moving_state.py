@@ -23,7 +23,7 @@ from fx_beam.scene.inputs import InputSignal
 from fx_beam.scene.loads import damping_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import acceleration_of
-from fx_beam.step.equations import Balance, Equations
+from fx_beam.step.equations import Equations, Residual
 from fx_beam.step.fitted_rates import rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.held_inputs import HeldInputs
@@ -254,7 +254,7 @@ class _Coupling:
 
     def __init__(self, model: Model, state: State):
         self._model, self._reduction, self._state = model, model.reduction, state
-        model.reduction.begin(state.q, state.slides)
+        model.reduction.set_start(state.q, state.slides)
         #: Numbers (count,) of the columns z.
         self.columns = model.reduction.independent
         self.count = len(self.columns)
@@ -284,7 +284,7 @@ class _Coupling:
             # Nodes of an element move against each other, which bends and turns it.
             h *= min(self._model.mesh.shortest) / self._model.mesh.size
         # All points are in one element of a beam on which a node slides.
-        self._reduction.begin(self._state.q, self._state.slides)
+        self._reduction.set_start(self._state.q, self._state.slides)
         reach = self._reduction.reach(self._state.slides, self.parts(self.X)[1] @ z)
         h = min(h, max(reach / 4, _LEAST_APART / size))
         for k, (odd, even) in enumerate(zip(_FIRST, _SECOND, strict=True), start=1):
@@ -301,7 +301,7 @@ def _natural_rates(model: Model, state: State, caller: str) -> np.ndarray | None
         return None
     t = state.t
     h = max(_MOMENT * state.length, _OF_TIME * abs(t)) or _AT_ZERO
-    values = np.array([model.data.natural.at(t + k * h) for k in range(-2, 3)])
+    values = np.array([model.data.natural.sum_at(t + k * h) for k in range(-2, 3)])
     # Over twice the time a smooth function bends four times as much, one with a kink twice.
     weights = [[0, -1, 0, 1, 0], [0, 1, -2, 1, 0], [-1, 4, -6, 4, -1]]
     differences = np.tensordot(weights, values, 1)
@@ -342,10 +342,10 @@ class _Steps:
         self.instant, self.short = INSTANT / max(speed, 1.0), _SHORT / max(speed, _REST)
         self.equations = Equations(model, natural=lambda end: self._strains, inert=False)
 
-    def balance(self, h: float, force: np.ndarray) -> Balance:
+    def balance(self, h: float, force: np.ndarray) -> Residual:
         """Forces of a step of the length h [s], which may go back, under dead loads `force`."""
         model, state, half = self._model, self._state, h / 2 * self._rates
-        model.reduction.begin(state.q, state.slides)
+        model.reduction.set_start(state.q, state.slides)
         q = state.q + model.reduction.increment(-half, _NONE)
         slides = state.slides - model.couplings.free_slides(half, len(state.slides))
         start = replace(state, q=q, slides=slides, parameters=None)  # those of the inputs
@@ -353,8 +353,8 @@ class _Steps:
         if state.natural is not None and self._strained is not None:
             change = h / 2 * self._strained
             start.natural, self._strains = state.natural - change, state.natural + change
-        self.equations.begin(instant(state.t, h), start)
-        self._last = self.equations.at(2 * half, _NONE, force)
+        self.equations.set_start(instant(state.t, h), start)
+        self._last = self.equations.evaluate(2 * half, _NONE, force)
         return self._last
 
     def _limit(self, value_of: Callable[[float], Any]) -> Any:
@@ -421,7 +421,7 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
     def strained(values: np.ndarray) -> np.ndarray:
         inputs.set({name: values})
         inputs.arrive()
-        return natural.at(state.t) if natural else np.zeros(3)
+        return natural.sum_at(state.t) if natural else np.zeros(3)
 
     try:
         change = abs(strained(value + 1.0) - strained(value)) * (1.0, 1.0, model.mesh.size)

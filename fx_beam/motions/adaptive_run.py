@@ -45,7 +45,7 @@ class AdaptiveRun:
         self._stepper, self._recorder, self._stats = stepper, recorder, stepper.stats
         self._state = stepper.loop.state
         self._control = StepControl(stepper.model, plan.tolerance, plan.span, plan.longest)
-        self._control.begin(plan.first)
+        self._control.restart(plan.first)
         self._plan = plan
         # The local error of a scheme of order 2 is right also where accelerations have a kink.
         self._watch = self._control.order > 2
@@ -206,7 +206,7 @@ class AdaptiveRun:
         number = control.order + AVERAGED
         longest = (until - state.t) / number
         if self._follows_event:
-            control.begin(self._harmless(state, state.t + min(control.length, longest)) - state.t)
+            control.restart(self._harmless(state, state.t + min(control.length, longest)) - state.t)
             self._follows_event = False
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
@@ -228,7 +228,7 @@ class AdaptiveRun:
             if result.switched and dt > self._least:
                 # Fewer steps would have no error that is known up to there.
                 steps_taken = round((reached - state.t) / dt)
-                control.begin(dt * min((steps_taken + 0.5) / (control.order + AVERAGED + 1), 0.5))
+                control.restart(dt * min((steps_taken + 0.5) / (control.order + AVERAGED + 1), 0.5))
                 longest = min(longest, control.length)
                 continue
             # Only the first length may be far too small; at breaks a trial is lost time.
@@ -250,7 +250,7 @@ class AdaptiveRun:
             raise self._stepper.error(self._state.t + dt, _ADVICE)
         self._halvings += 1
         self._stats.halvings += 1
-        self._control.begin(dt / 2)
+        self._control.restart(dt / 2)
 
     def _too_short(self) -> StepError:
         t = self._state.t

@@ -15,7 +15,7 @@ from fx_beam.fem.mass import masses_of_points
 from fx_beam.fem.mesh import Mesh
 from fx_beam.laws.interval import Rest, StepBatch, just_inside
 from fx_beam.laws.rates import NewmarkRates
-from fx_beam.results.section_forces import Balance
+from fx_beam.results.section_forces import BeamBalance
 from fx_beam.scene.beam import Beam, BeamPlace, lagrange, lagrange_and_slopes
 from fx_beam.scene.inputs import InputSignal
 from fx_beam.step.model import Model
@@ -161,11 +161,11 @@ class ElementBalance:
             t0[0] = t1[0] = parts.t[0]  # of the start, before which nothing need be known
         return t0, t1
 
-    def of_beam(self, number: int, rows: slice | np.ndarray = slice(None)) -> Balance:
+    def of_beam(self, number: int, rows: slice | np.ndarray = slice(None)) -> BeamBalance:
         """Section forces of a beam of the scene in some rows."""
         places, jumps = self.jumps(number)
         s, cells = self._loaded_beams.beams[number].s, self.model.mesh.cells[number]
-        return Balance(s, self.ends[:, cells][rows], places, jumps[rows])
+        return BeamBalance(s, self.ends[:, cells][rows], places, jumps[rows])
 
     def jumps(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Arc lengths (m,) of loads inside elements of a beam, and jumps (n, m, 3) there."""

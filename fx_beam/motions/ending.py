@@ -16,7 +16,7 @@ from fx_beam.step.model import Model
 from fx_beam.step.recorder import Mark, NullRecorder, Recorder, Rows
 
 from .measurement import Instant, fitted_value, readings
-from .prepared import Prepared
+from .prepared import MotionSetup
 
 # Accuracy of the time of the end, relative to the step, and to the time.
 _OF_STEP, _OF_TIME = 1e-13, 4e-16
@@ -52,7 +52,7 @@ class _Start(NamedTuple):
 class Ending:
     """Takes the steps of a run one by one, until a condition is met."""
 
-    def __init__(self, prepared: Prepared, recorder: Recorder):
+    def __init__(self, prepared: MotionSetup, recorder: Recorder):
         self._prepared, self._stepper, self._recorder = prepared, prepared.stepper, recorder
         self._conditions = prepared.options.until
         self._arrays = prepared.loop.state.arrays.__getitem__

@@ -20,7 +20,7 @@ from fx_beam.step.recorder import Recorder
 from fx_beam.step.row_steps import RowSteps, histories_of
 
 if TYPE_CHECKING:
-    from fx_beam.results.section_forces import Balance
+    from fx_beam.results.section_forces import BeamBalance
 
     from .element_balance import ElementBalance
 
@@ -98,7 +98,7 @@ def solution_of(
             balances.append(ElementBalance(recorder, data.loaded_beams, accelerations, rest))
         return balances[0]
 
-    def balance_of(name: str) -> Balance:
+    def balance_of(name: str) -> BeamBalance:
         return balance().of_beam(numbers[name], rows)
 
     constraints = None if scene_stays else constraints_of(scene)

@@ -73,7 +73,7 @@ def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
         away = state.q - new.q
         away[~has_mass | (abs(away) < _IN_PLACE * model.units.nodes)] = 0.0
         new.v = holding + away / (level * time)
-        equations.begin(instant(new.t, time), new)
+        equations.set_start(instant(new.t, time), new)
         residual = equations.at_start(force).residual[: reduction.free]
         w, independent = np.zeros(reduction.columns), reduction.independent
         unit = model.units.unknowns[independent]  # pivots are of one kind
@@ -167,7 +167,7 @@ class Starts:
         model = self.model
         state = drawn_state(model) if start is None else start
         if start is None and model.data.natural:
-            state.natural = model.data.natural.at(state.t)
+            state.natural = model.data.natural.sum_at(state.t)
         if len(fact(model, led_dofs)):  # they have not moved before
             state = state.changed(q_previous=None, driven_forces=None)
         needed = accelerations or fact(model, needs_accelerations)
@@ -231,7 +231,7 @@ class Starts:
         model, forcing = self.model, self._forcing
         forcing.check_start(state)
         rates, bend = map(floats, forcing.derivatives(state.t, 1e-3 * self._dt))
-        model.reduction.begin(state.q, state.slides)
+        model.reduction.set_start(state.q, state.slides)
         if singularity := model.reduction.singularity:
             raise SceneError(f"start: {singularity}. Start from a position beside it")
         return rates, bend
@@ -263,7 +263,7 @@ class Starts:
                 change = h / dt * (self._forcing.natural(state.t + dt) - natural)
                 first = natural - level * change
                 start = start.with_natural(first, first + change)
-            forces = model.forms.begin(instant(state.t, h), start)
+            forces = model.forms.begin_step(instant(state.t, h), start)
             model.forms.compiled_points.evaluate_slides(h * w)
             force = forces.internal(D)
             if self._further is not None:
@@ -320,7 +320,7 @@ def reference_state(model: Model, scene: Scene | None = None) -> State:
     q, v, a = np.zeros((3, model.size))
     state = State(0.0, np.zeros(len(model.data.motors)), q, v, a, slides)
     if len(model.forms.parameters):
-        state.parameters = model.forms.parameters.at(0.0)
+        state.parameters = model.forms.parameters.values_at(0.0)
     shape = model.forms.internal_shape
     if shape[-1]:
         state.internal = np.zeros(shape)

@@ -19,7 +19,7 @@ from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import MEANS, driven_increments, fitted_mean
 
-from .prepared import Prepared
+from .prepared import MotionSetup
 
 if TYPE_CHECKING:
     from fx_beam.step.fitted_rates import Fit
@@ -100,7 +100,7 @@ def fitted_state(state: State, start: Instant | None, end: Instant | None) -> St
 
 
 def readings(
-    prepared: Prepared,
+    prepared: MotionSetup,
     now: Arrays,
     outputs: Mapping[str, Output],
     last_row: Callable[[], Any] | None = None,

@@ -38,8 +38,8 @@ from fx_beam.step.recorder import Mark, NullRecorder, Record, Recorder, Rows
 
 from .evaluation import solution_of
 from .measurement import Instant, fitted_state, fitted_value, readings
-from .options import MOST_STEPS, Grid, Options, check_scene, grid_from
-from .prepared import Prepared, prepare, state_of
+from .options import MOST_STEPS, Options, TimeGrid, check_scene, grid_from
+from .prepared import MotionSetup, prepare, state_of
 
 # Steps for whose rows room is made at once.
 _ROWS = 1024
@@ -74,7 +74,7 @@ class Snapshot:
     step: tuple[float, int]
     turns: np.ndarray
 
-    def check(self, model: Model, inputs: int) -> None:
+    def check_model(self, model: Model, inputs: int) -> None:
         """Refuse the snapshot for another model.
 
         Parameters
@@ -103,7 +103,7 @@ class _Present(NamedTuple):
     """The end of a step of a motion; no further step changes it."""
 
     #: Times of the ends of steps since the motion began or was restored, and their rows.
-    grid: Grid
+    grid: TimeGrid
     recorder: Rows
     #: Number of all steps before them, and of the steps on the grid.
     before: int
@@ -126,7 +126,7 @@ class OpenMotion:
     #: The end of the last step.
     now: _Present
 
-    def __init__(self, prepared: Prepared, inputs: HeldInputs, dt: float, record: Record | None):
+    def __init__(self, prepared: MotionSetup, inputs: HeldInputs, dt: float, record: Record | None):
         self._prepared, self._dt, self._record = prepared, dt, record
         self.held = inputs
         self._loop, self._stepper = prepared.loop, prepared.stepper
@@ -138,7 +138,7 @@ class OpenMotion:
         #: Arrays of the state in C by name.
         self.arrays = self._loop.state.arrays.__getitem__
 
-    def begin(self, state: State, removed: np.ndarray, grid: Grid) -> None:
+    def start_stepping(self, state: State, removed: np.ndarray, grid: TimeGrid) -> None:
         """Begin to step and to record from a state, in which full turns are missing."""
         prepared = self._prepared
         recorder: Rows = NullRecorder()
@@ -150,9 +150,9 @@ class OpenMotion:
         recorder.miss(counter.removed)
         state = counter.without(turns, state)
         self._stepper.load(state)
-        self._stepper.begin(state, recorder)
+        self._stepper.begin_rows(state, recorder)
         recorder.plan(1, grid(np.arange(1, 1 + _ROWS)), last=False)
-        self._inputs.begin(grid)
+        self._inputs.start_grid(grid)
         self._loop.inputs_ahead = self._inputs.ahead
         mark, end = recorder.end, None
         if prepared.model.fits_rates:
@@ -172,7 +172,7 @@ class OpenMotion:
         self._prepared.forcing.hold(self._loop.state.read())
         self.held.set(present.inputs)
         self.held.arrive()
-        self._inputs.begin(present.grid)
+        self._inputs.start_grid(present.grid)
         self._settled = True
 
     # -- Steps --------------------------------------------------------------------------------
@@ -187,7 +187,7 @@ class OpenMotion:
             recorder.plan(number, grid(np.arange(number, number + _ROWS)), last=False)
         self._settled = False
         self.held.set(checked)
-        self.held.begin(now.mark.t, t1)
+        self.held.set_times(now.mark.t, t1)
         self._inputs.next(number, now.mark.t, t1)
         if pushes is not None:
             self._push(pushes)
@@ -251,7 +251,7 @@ class OpenMotion:
         self._settled, forcing = False, self._prepared.forcing
         forcing.hold(snapshot.state)
         self.held.resume(forcing, snapshot.state)
-        self.begin(snapshot.state, snapshot.turns, Grid(*snapshot.step, self._dt))
+        self.start_stepping(snapshot.state, snapshot.turns, TimeGrid(*snapshot.step, self._dt))
 
 
 def one_motion(method: Method) -> Method:
@@ -374,7 +374,9 @@ class Motion:
         last_row = self._open.last_row if every else None
         self._readings = readings(prepared, self._open.value, outputs, last_row)
         state = prepared.first_state(self._dt, start)
-        self._open.begin(state, np.zeros(prepared.model.size), grid_from(state.t, self._dt))
+        self._open.start_stepping(
+            state, np.zeros(prepared.model.size), grid_from(state.t, self._dt)
+        )
         prepared.stats.setup_seconds = perf_counter() - clock
 
     # -- Steps ------------------------------------------------------------------------------------
@@ -604,7 +606,7 @@ class Motion:
             For a snapshot of another scene.
         """
         require(isinstance(snapshot, Snapshot), "Motion.restore", snapshot, "a snapshot")
-        snapshot.check(self._prepared.model, sum(self._open.held.widths.values()))
+        snapshot.check_model(self._prepared.model, sum(self._open.held.widths.values()))
         self._open.restore(snapshot)
         return self.outputs
 

@@ -14,7 +14,7 @@ from fx_beam.step.model import data_of
 
 from .initial_state import end_of
 from .options import Options
-from .prepared import Prepared, prepare
+from .prepared import MotionSetup, prepare
 from .run import Run
 from .surroundings import call_with_arrays, warn_of_equal_work
 
@@ -37,10 +37,10 @@ class MotionSeries:
     def __init__(self, memory: float):
         self._memory = memory
         #: The prepared scene of the last motion, and whether something may read that later.
-        self.prepared: Prepared | None = None
+        self.prepared: MotionSetup | None = None
         self.is_kept = False
         # What has the numbers of other scenes.
-        self._alike: Prepared | None = None
+        self._alike: MotionSetup | None = None
         #: Whether runs are taped, and the tape of the last one.
         self.tapes = False
         self.tape: Tape | None = None
@@ -51,7 +51,7 @@ class MotionSeries:
         """A run that is to take its steps; it may overwrite the rows of an `old` one."""
         return begun(scene, options, start, self, old)
 
-    def prepare(self, scene: Scene, options: Options) -> Prepared:
+    def prepare(self, scene: Scene, options: Options) -> MotionSetup:
         """A prepared scene: the last one with other numbers, if the structure is the same."""
         last, self.prepared, reason = self.prepared, None, ""
         if last is not None:
@@ -73,7 +73,7 @@ class MotionSeries:
         new.stats.setup_reason = new.stats.setup_reason and (reason or new.stats.setup_reason)
         return new
 
-    def alike(self, scene: Scene, options: Options) -> Prepared:
+    def alike(self, scene: Scene, options: Options) -> MotionSetup:
         """Prepared model of another scene of the structure of the last one, beside it."""
         assert self.prepared is not None
         if self._alike is not None:
@@ -87,7 +87,7 @@ class MotionSeries:
         self._alike = prepare(scene, options, owned=True)
         return self._alike
 
-    def begin_tape(self, prepared: Prepared) -> None:
+    def begin_tape(self, prepared: MotionSetup) -> None:
         """Have a tape for the run of what was prepared, if runs are taped."""
         problem = prepared.loop.problem
         if not self.tapes:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.dual import MaybeDual, dual_array
-from fx_beam.fem.scene_data import Data
+from fx_beam.fem.scene_data import SceneArrays
 from fx_beam.results.state import State
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model, fact, numbers_of, sizes_of
@@ -37,7 +37,7 @@ _OF_STATE = "q", "q_previous", "v", "slides", "motors", "internal", "spring_inte
 
 
 def numbers_in_steps(
-    model: Model, data: Data, state: State, t0: np.ndarray, t1: np.ndarray
+    model: Model, data: SceneArrays, state: State, t0: np.ndarray, t1: np.ndarray
 ) -> dict[str, MaybeDual]:
     """All numbers of a scene by name, its initial state, and functions of time in steps.
 
@@ -57,7 +57,12 @@ def numbers_in_steps(
 
 
 def observed_numbers_of(
-    model: Model, data: Data, state: State, times: np.ndarray, lengths: np.ndarray, at_start: bool
+    model: Model,
+    data: SceneArrays,
+    state: State,
+    times: np.ndarray,
+    lengths: np.ndarray,
+    at_start: bool,
 ) -> dict[str, MaybeDual]:
     """Numbers that only outputs read: rates of driven motions.
 
@@ -91,7 +96,7 @@ def _or_zeros(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def static_numbers_of(
-    model: Model, data: Data, time: float, factors: np.ndarray
+    model: Model, data: SceneArrays, time: float, factors: np.ndarray
 ) -> dict[str, MaybeDual]:
     """All numbers from the reference configuration, in steps to load factors at a time [s]."""
     forcing, (parameters, *_), followers = Forcing(model, data), data.forms, data.forms.followers
@@ -112,7 +117,7 @@ def static_numbers_of(
     return numbers_of(model, data) | _arrays(step_numbers) | state_numbers
 
 
-def numbers_of_state(data: Data, state: State) -> dict[str, Any]:
+def numbers_of_state(data: SceneArrays, state: State) -> dict[str, Any]:
     """Numbers of the state at the start, by name."""
     state_numbers = {name: getattr(state, name) for name in _OF_STATE}
     state_numbers["work at the start"] = state.work

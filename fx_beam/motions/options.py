@@ -211,7 +211,7 @@ def check_scene(scene: object, caller: str) -> None:
 
 
 @dataclass(frozen=True)
-class Grid:
+class TimeGrid:
     """Ends of steps of the length dt [s], counted from a state; number `first` is its own."""
 
     origin: float
@@ -228,11 +228,11 @@ def rounding_of(*times: float) -> float:
     return 4 * math.ulp(max(map(abs, times)))
 
 
-def grid_from(t: float, dt: float) -> Grid:
+def grid_from(t: float, dt: float) -> TimeGrid:
     """Ends of steps from t [s] on: where a motion from zero has them, if t is one of them.
 
     So a motion in parts has the times of a motion as a whole, to the last digit.
     """
     number = round(t / dt)
     is_multiple = abs(number * dt - t) <= rounding_of(t)
-    return Grid(0.0, number, dt) if is_multiple else Grid(t, 0, dt)
+    return TimeGrid(0.0, number, dt) if is_multiple else TimeGrid(t, 0, dt)

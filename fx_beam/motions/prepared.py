@@ -33,7 +33,7 @@ from .surroundings import call_with_arrays
 _ROUND_OFF = 1e-11
 
 
-class Prepared:
+class MotionSetup:
     """The model of a scene and the steps of its motion."""
 
     def __init__(self, model: Model, options: Options):
@@ -155,7 +155,7 @@ class Prepared:
         return replace(state, v=state.v + slow, work=state.work + supplied)
 
 
-def prepare(scene: Scene, options: Options, owned: bool = False) -> Prepared:
+def prepare(scene: Scene, options: Options, owned: bool = False) -> MotionSetup:
     """A prepared scene with memory of its own; one that is `owned` serves other scenes later."""
     if options.scheme.built_in:
         model, reason = PROGRAMS.model_of(scene, options.scheme, owned)
@@ -163,7 +163,7 @@ def prepare(scene: Scene, options: Options, owned: bool = False) -> Prepared:
         model, reason = Model(scene, options.scheme), "the first scene"
         if owned:
             model = Program(model).model_of(scene)
-    prepared = Prepared(model, options)
+    prepared = MotionSetup(model, options)
     prepared.stats.setup_reason = reason
     return prepared
 
@@ -211,11 +211,17 @@ def _come_and_gone(model: Model, start: Solution, state: State) -> float:
 
 def state_of(model: Model, start: Solution) -> State:
     """Last state of a solution as vectors; SceneError if it does not fit."""
-    from .transferred_state import Transfer, has_changed
+    from .transferred_state import TransferredState, scene_has_changed
 
-    state = Transfer(model, start).state() if has_changed(model, start) else _same(model, start)
+    state = (
+        TransferredState(model, start).state()
+        if scene_has_changed(model, start)
+        else _same(model, start)
+    )
     parameters = model.forms.parameters
-    state = replace(state, parameters=parameters.at(before(state.t)) if len(parameters) else None)
+    state = replace(
+        state, parameters=parameters.values_at(before(state.t)) if len(parameters) else None
+    )
     check_joints(model, state)
     return state
 

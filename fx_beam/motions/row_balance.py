@@ -36,7 +36,7 @@ class RowBalance:
         def read() -> float:
             self._renew()
             gauss = self._gauss[:, cells].reshape(1, -1, 3)
-            _, *forces = self._balance.of_beam(number).at(gauss, place.s, "after")
+            _, *forces = self._balance.of_beam(number).forces_at(gauss, place.s, "after")
             return float(section_value(output, *(force[0, 0] for force in forces)))
 
         return read

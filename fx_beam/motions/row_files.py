@@ -20,7 +20,7 @@ from fx_beam.step.recorder import Recorder
 from fx_beam.step.row_steps import RowSteps, histories_of
 
 from .evaluation import check_rates, variables_along
-from .prepared import Prepared
+from .prepared import MotionSetup
 
 # Which part of the time the solution so far may take to be saved.
 _SHARE = 0.05
@@ -40,7 +40,7 @@ class _Written(NamedTuple):
 class RowFiles:
     """Takes rows from a recorder and writes them; what a solution has besides stays in memory."""
 
-    def __init__(self, prepared: Prepared, recorder: Recorder, file: Path | str):
+    def __init__(self, prepared: MotionSetup, recorder: Recorder, file: Path | str):
         self._model, self._recorder = prepared.model, recorder
         if not self._model.scene.beams:
             raise SceneError("Record: a file for ParaView needs beams, and the scene has none")
@@ -57,7 +57,7 @@ class RowFiles:
 
     # -- Writing ------------------------------------------------------------------------------
 
-    def take(self) -> None:
+    def write_rows(self) -> None:
         """Write the rows that the recorder has, which forgets them."""
         recorder, written = self._recorder, self._written
         new = len(written.times) - recorder.gone  # the recorder has the last two rows still

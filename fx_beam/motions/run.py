@@ -31,7 +31,7 @@ from fx_beam.step.substeps import LARGE_TURN
 from .contact_check import warn_of_long_elements, warn_of_places, warn_of_sharp_bends
 from .evaluation import solution_of
 from .options import StepPlan
-from .prepared import Prepared
+from .prepared import MotionSetup
 from .progress import attach, failure_of, progress_bar
 
 _log = logging.getLogger("fx_beam")
@@ -165,7 +165,7 @@ class Run:
 
     def __init__(
         self,
-        prepared: Prepared,
+        prepared: MotionSetup,
         scene: Scene,
         start: Solution | None,
         plan: StepPlan,
@@ -200,7 +200,7 @@ class Run:
         # Number of steps after which full turns are counted.
         self._next_count = 0
         state = prepared.recorded_state(recorder, plan.first, start, plan.tolerance > 0)
-        prepared.stepper.begin(state, recorder)
+        prepared.stepper.begin_rows(state, recorder)
 
     def take_steps(self, finish: Callable[[], _T]) -> _T:
         """Take all steps; gives what `finish` does. Exceptions have the solution so far."""
@@ -224,10 +224,10 @@ class Run:
                         self._count_turns()
                         advance()
                     if self._files is not None:
-                        self._files.take()
+                        self._files.write_rows()
                         self._files.save(self._of_rows)
                     bar.update(recorder.end.t - t)
-            self._watch.check(options.what)
+            self._watch.check_unchanged(options.what)
             if equal:
                 warn_of_parts(stats, plan.first)
             warn_of_rounding(stats)
@@ -318,14 +318,14 @@ class Run:
         """The solution of the steps so far."""
         rows = None
         if self._files is not None:
-            self._files.take()
+            self._files.write_rows()
             self._files.save(self._of_rows, always=True)
             rows = self._files.histories() if self._files.has_rows else None
         return self._of_rows(rows)
 
     def _of_rows(self, rows: RecordedHistories | None) -> Solution:
         """The solution of all rows of the recorder, or of `rows`."""
-        self._watch.check(self.options.what)
+        self._watch.check_unchanged(self.options.what)
         prepared, options = self.prepared, self.prepared.options
         prepared.stats.seconds = time.perf_counter() - self._clock
         input_values = values_at(self._scene, options.inputs, self.recorder.end.t)

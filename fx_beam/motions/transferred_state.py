@@ -26,7 +26,7 @@ _GROUND, _NEW = -1, -2
 _GOES_ON = "work", "dissipated", "numerical", "impact", "inputs", "input_names"
 
 
-def has_changed(model: Model, start: Solution) -> bool:
+def scene_has_changed(model: Model, start: Solution) -> bool:
     """Whether members, joints, supports, contacts or springs are others than in a solution."""
     end, X, scene = end_of(start), model.mesh.X, model.scene
     if start.X.shape != X.shape or (start.X != X).any():
@@ -44,7 +44,7 @@ def has_changed(model: Model, start: Solution) -> bool:
     return end.constraints != constraints_of(scene)
 
 
-class Transfer:
+class TransferredState:
     """A scene that has changed, and the solution that it goes on from.
 
     Members and joints are known by their names and nodes. Those that are new are as at the start.
@@ -176,7 +176,7 @@ class Transfer:
         """Natural strains at the Gauss points; of new beams the values at this time."""
         if not self._model.data.natural:
             return None
-        values, old = self._model.data.natural.at(self._end.t), self._end.natural
+        values, old = self._model.data.natural.sum_at(self._end.t), self._end.natural
         for _, cells, start_cells in self._beams():
             values[cells] = 0.0 if old is None else old[start_cells]
         return values

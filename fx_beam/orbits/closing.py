@@ -147,7 +147,7 @@ def close(
     """
     search = _Search(shooting, phase, conditions, varies, damping)
     period = shooting.run(start, parameter)
-    search.take(period, search.error_of(period))
+    search.accept(period, search.error_of(period))
     search.best = search.error
     iterations, ended_by = 0, "increment"
     if search.error > search.allowed:
@@ -172,7 +172,7 @@ class _Search:
     best: float = np.inf
     idle: int = 0
 
-    def take(self, period: Period, error: float) -> None:
+    def accept(self, period: Period, error: float) -> None:
         """Go on from a motion over a period, with its error."""
         #: How far the ends of the motion are apart, relative to its size, and what is allowed.
         self.period, self.error = period, error
@@ -213,7 +213,7 @@ class _Search:
         except (StepError, NotClosed):
             better = False
         if better:
-            self.take(new, error)
+            self.accept(new, error)
             self.damping *= _LESS
         else:
             self.damping = _MORE * max(self.damping, 1e-8)

@@ -144,7 +144,7 @@ class ModeFamily:
             return self._at(self._amplitude, self._end)
         except (NotClosed, StepError):
             path = Path(self._shooting, True)
-            *_, last = itertools.islice(self.followed(path), _FAR)
+            *_, last = itertools.islice(self.motions_along(path), _FAR)
             missing = abs(self._end.error(last.period))
             if missing > max(self._shooting.options.tolerance, ROUND_OFF):
                 raise NotClosed(
@@ -166,7 +166,7 @@ class ModeFamily:
             "more steps"
         )
 
-    def followed(self, path: Path) -> Iterator[Closed]:
+    def motions_along(self, path: Path) -> Iterator[Closed]:
         """Motions from a small amplitude on, up to the last one, along a path."""
         shooting, first = self._shooting, self._first()
         variables = shooting.variables

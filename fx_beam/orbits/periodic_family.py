@@ -198,12 +198,12 @@ class Path:
         stretch = Stretch(lambda part: self._next(start, tangent, part * step)[0], {0.0: start})
 
         def beyond(part: float) -> float:
-            return float(abs(multipliers_of(stretch.at(part))).max()) - 1
+            return float(abs(multipliers_of(stretch.point_at(part))).max()) - 1
 
         if self._free:
             return end
         try:
-            closed = stretch.at(root_between(beyond, 0.0, 1.0, _PLACE))
+            closed = stretch.point_at(root_between(beyond, 0.0, 1.0, _PLACE))
         except (NotClosed, StepError, ValueError):  # ValueError: the same sign at both ends
             return end
         kind = end.instability or instability_of(multipliers_of(start), 0)

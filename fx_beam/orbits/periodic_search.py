@@ -271,7 +271,7 @@ def backbone(
     """
     shooting = Shooting(scene, PeriodicOptions.among(locals(), what="backbone"))
     path, family = Path(shooting, True), ModeFamily(shooting, scene, state, mode)
-    return path.family(family.followed(path))
+    return path.family(family.motions_along(path))
 
 
 class _OverFrequency(Shooting):

@@ -14,7 +14,7 @@ from fx_beam.linear.linearisation import check_unknowns
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.numbers import numbers_in_steps
 from fx_beam.motions.options import CommonOptions, Options, check_scene
-from fx_beam.motions.prepared import Prepared, prepare
+from fx_beam.motions.prepared import MotionSetup, prepare
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
@@ -111,7 +111,7 @@ class Shooting:
         self,
         scene: Scene,
         options: PeriodicOptions,
-        prepare: Callable[[Scene, Options], Prepared] = prepare,
+        prepare: Callable[[Scene, Options], MotionSetup] = prepare,
     ):
         check_scene(scene, caller := options.what)
         self.options, self.steps, self.what = options, int(options.steps), caller
@@ -134,7 +134,7 @@ class Shooting:
     def check_free(self) -> None:
         """Refuse what takes energy from any motion, if no loads give it back."""
         if self.variables.remembers:
-            friction = len(self.model.points.followed)
+            friction = len(self.model.points.normal_forces)
             loss = "friction of joints" if friction else self.model.scheme.name
             raise SceneError(
                 f"{self.what}: {loss} takes energy from a free motion, which then does not "
@@ -248,7 +248,7 @@ class Shooting:
         recorder, self.tape.last = self._recorded(self.prepared, period)
         return self._solution_of(recorder, self.tape.last)
 
-    def _recorded(self, prepared: Prepared, period: Period) -> tuple[Recorder, State]:
+    def _recorded(self, prepared: MotionSetup, period: Period) -> tuple[Recorder, State]:
         """The record of a motion over a period, and its end."""
         start = period.start.changed(algorithmic=period.end.algorithmic)
         times = _times(start, period.length, self.steps)
@@ -280,7 +280,7 @@ class Shooting:
             )
 
 
-def _advanced(prepared: Prepared, state: State, times: np.ndarray, recorder: Recorder) -> State:
+def _advanced(prepared: MotionSetup, state: State, times: np.ndarray, recorder: Recorder) -> State:
     """The state after steps."""
     prepared.stepper.load(state)
     prepared.stepper.advance(times[1:], 1, recorder)

@@ -48,7 +48,7 @@ class Variables:
     @property
     def remembers(self) -> bool:
         """Whether steps depend on earlier ones: by the scheme, or by friction of joints."""
-        return self.model.forms.keeps_previous or len(self.model.points.followed) > 0
+        return self.model.forms.keeps_previous or len(self.model.points.normal_forces) > 0
 
     @property
     def are_rates(self) -> np.ndarray:
@@ -79,14 +79,14 @@ class Variables:
         units = {name: np.ones(size) for name, size in self.inside.items()}
         if model.forms.keeps_previous:
             units["q previous"] = model.units.nodes
-        if len(model.points.followed):  # forces are large
+        if len(model.points.normal_forces):  # forces are large
             units["spring internal"] = np.maximum(1.0, abs(_remembered(state, "spring internal")))
         return np.concatenate([model.units.unknowns, rates, *units.values()])
 
     def directions(self, state: State, length: float) -> Directions:
         """Changes of all variables at a state, which keep joints and loops closed."""
         model, reduction = self.model, self.model.reduction
-        reduction.begin(state.q, state.slides)
+        reduction.set_start(state.q, state.slides)
         if reduction.singularity:
             raise SceneError(f"{self._what}: {reduction.singularity}. Start from another state")
         free, scale = reduction.free, self.scales(state, length)
@@ -121,7 +121,7 @@ class Variables:
     def closing(self, state: State, gaps: np.ndarray) -> dict[str, np.ndarray]:
         """Changes (m, ...) by name of the unknowns that close gaps (m, closures) of loops."""
         model, reduction = self.model, self.model.reduction
-        reduction.begin(state.q, state.slides)
+        reduction.set_start(state.q, state.slides)
         assert (loops := reduction.loops) is not None
         y, following = np.zeros((len(gaps), reduction.free)), reduction.following
         G = reduction.maps.closure_derivatives()[:, reduction.joints.configuration.following]
@@ -144,7 +144,7 @@ class Variables:
     def shifted(self, state: State, y: np.ndarray) -> State:
         """The state after a change of its unknowns (free,)."""
         model, reduction = self.model, self.model.reduction
-        reduction.begin(state.q, state.slides)
+        reduction.set_start(state.q, state.slides)
         q = state.q + reduction.increment(y, np.zeros(reduction.driven))
         slides = state.slides + model.couplings.free_slides(y, model.scene.joint_count)
         return state.changed(q=q, slides=slides)
@@ -152,7 +152,7 @@ class Variables:
     def energy(self, state: State) -> float:
         """Energy of scene and constant loads, zero in the reference configuration [J]."""
         energy, loads = energy_of(self.model, state), self.model.data.loads
-        return energy - float(loads.at(0.0) @ state.q) if loads.constant else energy
+        return energy - float(loads.sum_at(0.0) @ state.q) if loads.constant else energy
 
     def slope_of_energy(self, state: State, directions: Directions) -> np.ndarray:
         """Derivatives (n,) of the energy along directions, by differences."""

@@ -22,7 +22,7 @@ from fx_beam.scene.beam import Node
 
 from .drawing import Drawing, checked_drawing, headings, say_if_too_small, words_over
 from .look import Colour, Look, Pen, Theme, theme_of
-from .members import Members, colours_of, draw_members
+from .members import DrawnMembers, colours_of, draw_members
 from .sheet import LARGEST, Plane
 from .symbols import checked_marks, draw_forces, draw_held, draw_moving
 
@@ -160,7 +160,7 @@ def animate(
         check_takes(scenery, "axes, k", "scenery")
     drawing = checked_drawing(solution, magnify, scene_unit, 100, rows, times, count)
     shown, words = drawing.rows, words_over(drawing, title)
-    members = Members(drawing, thickness, colour, colour_limits, colour_scale)
+    members = DrawnMembers(drawing, thickness, colour, colour_limits, colour_scale)
     framed_points = members.corners
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution
@@ -195,7 +195,7 @@ class _Frames:
     trace: int | None = None
 
     def __init__(
-        self, drawing: Drawing, members: Members | None, plane: Plane, theme: Theme, words: str
+        self, drawing: Drawing, members: DrawnMembers | None, plane: Plane, theme: Theme, words: str
     ):
         ax = plane.ax
         self._drawing, self._members, self._ax, self._theme = drawing, members, ax, theme

@@ -43,7 +43,7 @@ _SCALES = "linear", "log"
 _DECADES = 1e-4  # smallest value on a logarithmic scale, as a fraction of the largest
 
 
-class Members:
+class DrawnMembers:
     """All members of a drawing, in pieces of their elements, in the colours of a quantity if given.
 
     The colours are on the same scale in all rows of the drawing.

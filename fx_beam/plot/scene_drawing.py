@@ -128,7 +128,7 @@ def _line_load(sheet: _Sheet, load: Load, si: bool) -> None:
     s = arc_of(points)
     tips = interpolated(arc, s * beam.length / s[-1], points)
     if isinstance(load.value, SignalAlong):
-        loads = floats(load.value.at(arc, _largest(load)[0]))
+        loads = floats(load.value.values_at(arc, _largest(load)[0]))
     elif load.value.place:
         loads = np.array([load.value(s) for s in arc])
     else:

@@ -31,7 +31,7 @@ from .drawing import (
 )
 from .labels import Labels
 from .look import Pen, Theme, mixed, theme_of
-from .members import SEQUENTIAL, Members, colours_of, draw_members
+from .members import SEQUENTIAL, DrawnMembers, colours_of, draw_members
 from .sheet import Plane, panels, picture, written
 
 _MANY = 1000  # members above which their tubes have six sides
@@ -115,7 +115,7 @@ def shapes(
     drawing = checked_drawing(solution, magnify, scene_unit, _ROWS, rows, times, count)
     shown, by_time = drawing.rows, isinstance(colour, str) and colour == "time"
     quantity = None if by_time else colour
-    members = Members(drawing, thickness, quantity, colour_limits, colour_scale)
+    members = DrawnMembers(drawing, thickness, quantity, colour_limits, colour_scale)
     drawing.include(members.corners)
     marks = symbols.checked_marks(drawing, marks)
     ends = headings(solution, solution.t[[shown[-1], shown[0]]])

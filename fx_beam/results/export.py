@@ -24,7 +24,7 @@ from fx_beam.scene.outputs import OF_PLACES, Output, is_gear, lack, quantities_o
 
 from .files import in_table, of_numpy, replacing
 from .records import BeamResultants, known_resultants
-from .section_forces import Balance
+from .section_forces import BeamBalance
 from .state import HISTORIES
 
 #: Format of saved files.
@@ -96,7 +96,7 @@ def _parts(solution) -> dict[str, Any]:
     return parts
 
 
-def _balances(balances: list[Balance]) -> dict[str, np.ndarray]:
+def _balances(balances: list[BeamBalance]) -> dict[str, np.ndarray]:
     """Section forces of all beams at the ends of elements, and at loads inside these."""
     places = [np.column_stack([0 * b.places + k, b.places]) for k, b in enumerate(balances)]
     return {

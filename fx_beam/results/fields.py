@@ -13,7 +13,7 @@ from fx_beam.scene.parameters import replaced
 from fx_beam.symbolic import ufl
 
 from .records import BeamResultants
-from .section_forces import Balance, SectionForces
+from .section_forces import BeamBalance, SectionForces
 from .stresses import BeamStress
 
 RESULTANTS = ("N", "Q", "M")
@@ -76,7 +76,7 @@ def along_all(
     return {name: fields[name] for name in quantities}
 
 
-def _as_one(solution, rows: list[int]) -> tuple[Balance, np.ndarray]:
+def _as_one(solution, rows: list[int]) -> tuple[BeamBalance, np.ndarray]:
     """The balance of all beams, as of one behind the other, and values at the Gauss points.
 
     ValueError if it is not known.
@@ -84,7 +84,7 @@ def _as_one(solution, rows: list[int]) -> tuple[Balance, np.ndarray]:
     resultants = [solution.resultants(name) for name in solution.beams]
     balances = [beam_resultants.balanced() for beam_resultants in resultants]
     parts = [np.stack([r.N[rows], r.Q[rows], r.M[rows]], axis=-1) for r in resultants]
-    balance = Balance.of_all([balance.in_rows(rows) for balance in balances])
+    balance = BeamBalance.of_all([balance.in_rows(rows) for balance in balances])
     return balance, np.concatenate(parts, axis=1)
 
 

@@ -15,7 +15,7 @@ from fx_beam.scene.parts import Parts
 
 from .contact_gaps import columns_of
 from .records import BeamResultants, Energy, Stats
-from .section_forces import Balance
+from .section_forces import BeamBalance
 from .state import HISTORIES
 
 # Statistics that add up: counts of steps and iterations, and times.
@@ -198,7 +198,7 @@ class _Joined:
         (s, *_) = (r.s for r in known if r is not None)
         return BeamResultants(s, **self._rows(*parts), balance=lambda: self._balance(*known))
 
-    def _balance(self, *known: BeamResultants | None) -> Balance:
+    def _balance(self, *known: BeamResultants | None) -> BeamBalance:
         """Of a beam of both motions, or of one; loads inside elements of both."""
         old, new = (None if r is None else r.balanced() for r in known)
         parts = [{} if part is None else {"ends": part.ends} for part in (old, new)]
@@ -209,7 +209,7 @@ class _Joined:
                 jumps.append(np.pad(part.jumps[first:], [pads, (0, 0), (0, 0)]))
         s = (new or old).s  # type: ignore[union-attr]
         all_loads = np.concatenate(places), np.concatenate(jumps, axis=1)
-        return Balance(s, self._rows(*parts)["ends"], *all_loads)
+        return BeamBalance(s, self._rows(*parts)["ends"], *all_loads)
 
     def _variables(self, name: str) -> dict[Any, dict[str, np.ndarray]]:
         old, new = getattr(self._first, name), getattr(self._second, name)

@@ -414,7 +414,7 @@ class BeamResultants:
         ValueError
             If the accelerations were not recorded, or loads of elements are not known.
         """
-        return self.balanced().at(self._points, s, side)
+        return self.balanced().forces_at(self._points, s, side)
 
     @property
     def ends(self) -> SectionForces:

@@ -21,7 +21,7 @@ from fx_beam.scene.joints import Constraints, JointKey
 from .export import FORMAT
 from .files import named
 from .records import BeamResultants, Energy, Stats
-from .section_forces import Balance
+from .section_forces import BeamBalance
 from .solution import Solution
 from .state import ARRAYS, HISTORIES, Past, State
 
@@ -190,7 +190,7 @@ def _read(raw: BinaryIO) -> Solution:
             f" in the format of this version, {FORMAT!r:.80}, but in {written!r:.80}. Load it with "
             "a version of fx_beam that knows this format"
         )
-    parts = _Parts(arrays)
+    parts = _Unpacker(arrays)
     members = parts.read(meta.pop("beams"))
     counts = [_points(member) for member in members]
     _check_arrays(arrays, counts, sum(len(member["s"]) - 1 for member in members))
@@ -244,7 +244,7 @@ def _forget_slip_on_members(known: dict[str, Any]) -> None:
             known["end"] = None
 
 
-def _balances(known: dict, beams: list[Beam]) -> list[Balance | None]:
+def _balances(known: dict, beams: list[Beam]) -> list[BeamBalance | None]:
     """Section forces of each beam, taken from what is known; None in files of the first version."""
     names = "section_forces", "section_places", "section_jumps"
     forces, places, jumps = (known.pop(name, None) for name in names)
@@ -253,12 +253,12 @@ def _balances(known: dict, beams: list[Beam]) -> list[Balance | None]:
     beam_forces = np.split(forces, np.cumsum([beam.elements for beam in beams])[:-1], axis=1)
     masks = [places[:, 0] == k for k in range(len(beams))]
     return [
-        Balance(beam.s, ends, places[mask, 1], jumps[:, mask])
+        BeamBalance(beam.s, ends, places[mask, 1], jumps[:, mask])
         for beam, ends, mask in zip(beams, beam_forces, masks, strict=True)
     ]
 
 
-class _Parts:
+class _Unpacker:
     """Makes of JSON what `save` has packed; each array belongs to one part."""
 
     def __init__(self, arrays: dict[str, np.ndarray]):

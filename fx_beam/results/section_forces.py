@@ -34,7 +34,7 @@ class SectionForces(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Balance:
+class BeamBalance:
     """Section forces that follow from the balance of the elements of a beam.
 
     M' = -Q joins them: where N and Q go straight, M is a parabola. Elements of degree 2 and 3
@@ -56,7 +56,7 @@ class Balance:
         return np.clip(np.searchsorted(self.s, places, "right") - 1, 0, len(self.s) - 2)
 
     @classmethod
-    def of_all(cls, balances: Sequence[Balance]) -> Balance:
+    def of_all(cls, balances: Sequence[BeamBalance]) -> BeamBalance:
         """The balance of several beams, as of one behind the other."""
         s = np.cumsum(np.concatenate([[0.0], *(np.diff(balance.s) for balance in balances)]))
         parts = ([getattr(b, name) for b in balances] for name in ("ends", "jumps"))
@@ -69,11 +69,11 @@ class Balance:
         vars(whole)["owners"] = owners  # in many beams a tolerance would be too large
         return whole
 
-    def in_rows(self, rows: list[int]) -> Balance:
+    def in_rows(self, rows: list[int]) -> BeamBalance:
         """The balance in some rows."""
         return replace(self, ends=self.ends[rows], jumps=self.jumps[rows])
 
-    def at(self, gauss: np.ndarray, s, side: str) -> SectionForces:
+    def forces_at(self, gauss: np.ndarray, s, side: str) -> SectionForces:
         """Section forces at arc lengths s, by values (rows, points, 3) at the Gauss points."""
         places, length = np.atleast_1d(real_array(s)), self.s[-1]
         tolerance = AT_NODE * length

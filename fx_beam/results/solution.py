@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 _LATER = {*HISTORIES, "energy", "end"}
 
 
-class _Elsewhere:
+class _LazyMethod:
     """A method that stands in another file, which is loaded when it is first asked for."""
 
     def __init__(self, file: str):
@@ -731,9 +731,9 @@ class Solution:
         to_pandas, to_xarray = export.to_pandas, export.to_xarray
         then, to_paraview = joined.then, paraview.to_paraview
     else:
-        save, to_csv = _Elsewhere("export"), _Elsewhere("export")
-        to_pandas, to_xarray = _Elsewhere("export"), _Elsewhere("export")
-        then, to_paraview = _Elsewhere("joined"), _Elsewhere("paraview")
+        save, to_csv = _LazyMethod("export"), _LazyMethod("export")
+        to_pandas, to_xarray = _LazyMethod("export"), _LazyMethod("export")
+        then, to_paraview = _LazyMethod("joined"), _LazyMethod("paraview")
 
     def recorded(self, name: str) -> np.ndarray:
         """A history that the `Record` may have omitted.

@@ -314,7 +314,7 @@ def numbers_along(beam: Beam) -> np.ndarray:
     return numbers
 
 
-class Layout(NamedTuple):
+class BeamLayout(NamedTuple):
     """Positions of the nodes of a beam."""
 
     #: Ends of the elements in order: (x, y) [m], or the Node of another beam.
@@ -397,7 +397,7 @@ def lagrange_and_slopes(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarr
 
 def polyline(
     points: Sequence, elements: int | Sequence[int] | None, degree: int, name: str
-) -> Layout:
+) -> BeamLayout:
     """Nodes along a polyline with corners at `points`.
 
     `elements` is the number in all, spread over the straight pieces by length, or one for each; by
@@ -407,7 +407,7 @@ def polyline(
         elements = max(USUAL_ELEMENTS[degree], len(listed_points(points, f"beam {name!r}")[0]) - 1)
     if type(elements) is int and elements <= _MOST_KNOWN and (places := _plain(points)):
         ends, s = _known(places, elements, name)
-        return Layout([points[0], *ends[1:-1], points[-1]], s)
+        return BeamLayout([points[0], *ends[1:-1], points[-1]], s)
     return _polyline(points, elements, name)
 
 
@@ -429,7 +429,7 @@ def _known(points: tuple, elements: int, name: str) -> tuple[tuple, np.ndarray]:
     return tuple(ends), s
 
 
-def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
+def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> BeamLayout:
     """Nodes along a polyline for points of any kind."""
     points, places = listed_points(points, f"beam {name!r}")
     joints, corners = dual_array(places), np.asarray(places)
@@ -443,13 +443,13 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
         )
     counts = _spread(elements, floats(lengths), name)
     if sum(counts) == len(counts):  # quickly, as in frames of many members
-        return Layout(points, _sums(lengths))
+        return BeamLayout(points, _sums(lengths))
     ends, positions = [points[0]], [joints[:1]]
     for a, b, count, corner in zip(joints[:-1], joints[1:], counts, points[1:], strict=True):
         piece_points = np.linspace(a, b, count + 1)[1:]
         ends += [*map(tuple, piece_points[:-1].tolist()), corner]
         positions.append(piece_points)
-    return Layout(ends, _sums(_distances(np.concatenate(positions))))
+    return BeamLayout(ends, _sums(_distances(np.concatenate(positions))))
 
 
 def _distances(points: MaybeDual) -> MaybeDual:

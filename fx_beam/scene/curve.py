@@ -26,7 +26,7 @@ from fx_beam.errors import SceneError, is_flag, is_whole, real_array, require, v
 from .beam import (
     MOST_ELEMENTS,
     USUAL_ELEMENTS,
-    Layout,
+    BeamLayout,
     Node,
     lagrange,
     listed_points,
@@ -228,7 +228,7 @@ def _node(point: object) -> Node | None:
     return point if isinstance(point, Node) else None
 
 
-def layout(points, elements, degree: int, name: str) -> Layout:
+def layout(points, elements, degree: int, name: str) -> BeamLayout:
     """Nodes of a beam along a polyline, a `Curve`, or a function of the fraction."""
     if callable(points):
         points = Curve(points)
@@ -238,7 +238,7 @@ def layout(points, elements, degree: int, name: str) -> Layout:
     return polyline(points, elements, degree, name)
 
 
-def along_curve(curve: Curve, elements, degree: int, name: str) -> Layout:
+def along_curve(curve: Curve, elements, degree: int, name: str) -> BeamLayout:
     """Elements of equal arc length along a curve, with degree - 1 nodes inside each."""
     expected = f"one positive whole number for a curve, at most {MOST_ELEMENTS:,}"
     require(is_whole(elements, 1, MOST_ELEMENTS), f"beam {name!r}: elements", elements, expected)
@@ -267,7 +267,7 @@ def along_curve(curve: Curve, elements, degree: int, name: str) -> Layout:
         ends[i] = node
     element_points = points[degree * np.arange(elements)[:, None] + np.arange(degree + 1)]
     inner = lagrange(met, np.arange(1, degree) / degree) @ element_points
-    return Layout(ends, s, inner)
+    return BeamLayout(ends, s, inner)
 
 
 def _check_followed(ends: np.ndarray, s: np.ndarray, name: str) -> None:

@@ -7,13 +7,13 @@ import numpy as np
 from fx_beam.dual import dual_array, floats
 from fx_beam.errors import SceneError, finite
 
-from .beam import Layout, lagrange_and_slopes, lengths_to_ends, position_of
+from .beam import BeamLayout, lagrange_and_slopes, lengths_to_ends, position_of
 
 #: Lines turn by at most 150 degrees in a corner; 1 + cos of that.
 _SHARPEST = 1 - np.cos(np.radians(30.0))
 
 
-def shifted(line: Layout, offset: float, name: str) -> Layout:
+def shifted(line: BeamLayout, offset: float, name: str) -> BeamLayout:
     """The axis at a distance `offset` to the left of a line, mitred in corners."""
     offset = finite(offset, f"beam {name!r}: offset")
     ends = dual_array([position_of(end) for end in line.ends])
@@ -42,7 +42,7 @@ def shifted(line: Layout, offset: float, name: str) -> Layout:
         )
     nodes = [floats(point) for point in (axis[:-1], *inner, axis[1:])]
     inner_nodes = np.stack(inner, axis=1) if inner else None
-    return Layout([*axis], lengths_to_ends(np.stack(nodes, axis=1)), inner_nodes)
+    return BeamLayout([*axis], lengths_to_ends(np.stack(nodes, axis=1)), inner_nodes)
 
 
 def _left_of(points: list) -> list:

@@ -210,10 +210,10 @@ class SignalAlong(Signal):
 
     def __call__(self, *arguments: float) -> np.ndarray:
         """The largest value (size,) at some positions, as pictures show it."""
-        values = floats(self.at(self._samples, *arguments))
+        values = floats(self.values_at(self._samples, *arguments))
         return values[np.argmax(np.linalg.norm(values, axis=1))]
 
-    def at(self, positions: np.ndarray, t: float) -> MaybeDual:
+    def values_at(self, positions: np.ndarray, t: float) -> MaybeDual:
         """Finite values (n, size) at n positions; SceneError otherwise."""
         values = self._at_once(positions, t) if self._takes_arrays else None
         if values is not None and self._is_right(values, positions, t):

@@ -129,7 +129,7 @@ class InputSignal(Signal):
         """Set the input (width,) for the next steps, or at the end of the next one."""
         self.end = self.scale * (float(value[0]) if self.ramps else value)
 
-    def begin(self, t0: float, t1: float) -> None:
+    def set_times(self, t0: float, t1: float) -> None:
         """Set the times of a step [s]."""
         self._t0, self._t1 = t0, t1
 

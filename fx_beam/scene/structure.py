@@ -223,7 +223,7 @@ class Watch:
         """Whether the scene has changed since the start."""
         return self._now() != self._counts
 
-    def check(self, caller: str) -> None:
+    def check_unchanged(self, caller: str) -> None:
         """SceneError if the scene was changed while an analysis ran."""
         if self.has_changed:
             raise SceneError(

@@ -8,16 +8,16 @@ import numpy as np
 
 from fx_beam.laws.interval import divided
 
-from .step_inputs import TakenSteps
+from .step_inputs import StepBlock
 from .sub_step_times import Times
-from .tables import Problem
+from .tables import ProblemInC
 
 
 class Checkpoint(NamedTuple):
     """Memory of C before some steps."""
 
     first: int
-    steps: TakenSteps
+    steps: StepBlock
     #: The struct Problem, and the memory of the state and its past.
     problem: bytes
     memory: np.ndarray
@@ -26,7 +26,7 @@ class Checkpoint(NamedTuple):
     #: Increments (sub-steps, columns) of these steps, if they are kept.
     increments: np.ndarray | None
 
-    def repeat(self, problem: Problem, rows: Any) -> None:
+    def repeat(self, problem: ProblemInC, rows: Any) -> None:
         """Take the steps again from here, with their `rows` in a C struct Tape."""
         ffi, steps, p = problem.ffi, self.steps, problem.c
         ffi.memmove(p, self.problem, len(self.problem))
@@ -56,7 +56,7 @@ def pointer_to(ffi: Any, increments: np.ndarray | None) -> Any:
 class Checkpoints:
     """The checkpoints of a run, with increments of the steps as far as half of `limit` lasts."""
 
-    def __init__(self, problem: Problem, limit: float):
+    def __init__(self, problem: ProblemInC, limit: float):
         #: Memory of all rows [bytes], half of which is for increments.
         self.limit, self._problem = limit, problem
         #: Sub-steps of a step.
@@ -69,7 +69,7 @@ class Checkpoints:
         # Memory of increments [bytes].
         self._kept = 0
 
-    def begin(self, first: int, steps: TakenSteps, keeps_increments: bool) -> np.ndarray | None:
+    def keep_state(self, first: int, steps: StepBlock, keeps_increments: bool) -> np.ndarray | None:
         """Keep the state before steps, whose `first` sub-step is this; room for their increments.
 
         Without these, or without memory for them, None.

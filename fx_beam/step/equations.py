@@ -12,16 +12,16 @@ from fx_beam.dual import floats
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 
-from .extended import Extended
+from .extended import ConstrainedMatrix
 from .model import Model
-from .tables import Problem, problem_of
+from .tables import ProblemInC, problem_of
 from .tangent_storage import ProblemKind
 
 if TYPE_CHECKING:
     from .turning_frame import TurningFrame
 
 
-class Balance(NamedTuple):
+class Residual(NamedTuple):
     """Residual of the equations at one increment, and its parts; the next one overwrites them."""
 
     #: Increment (size,) of displacements and rotations; not finite if loops cannot be closed.
@@ -49,7 +49,7 @@ class Equations:
         time: float = 0.0,
         turning: TurningFrame | None = None,
         natural: Callable[[float], np.ndarray | None] | None = None,
-        problem: Problem | None = None,
+        problem: ProblemInC | None = None,
         inert: bool = True,
         inertia: float = 1.0,
     ):
@@ -67,7 +67,7 @@ class Equations:
             D=n, z=columns, r=n, tangent=p.tables.tangent.stored, f=n, reduced=columns
         )
         self._force, _, self._strains = problem.given()
-        self._balance = Balance(D, f, r, residual)
+        self._balance = Residual(D, f, r, residual)
 
     def _of(self, values: np.ndarray):
         return self._problem.ffi.from_buffer(self._doubles, np.ascontiguousarray(values))
@@ -78,20 +78,20 @@ class Equations:
         if (tables := self._problem.tables) is not None:
             tables.set_load(factor)
 
-    def begin(self, interval: Interval, start: State) -> None:
+    def set_start(self, interval: Interval, start: State) -> None:
         """Set the interval of a step and the state at its start."""
         model, length, end = self.model, interval.length, interval.end
-        model.reduction.begin(start.q, start.slides)
+        model.reduction.set_start(start.q, start.slides)
         self._problem.state.load(start)
         if model.scheme.rates.at_rest:
             # The interval is one of load factors; only internal variables depend on its length.
             interval = Interval(self._time, self._time)
         level = model.scheme.rates.level
-        model.forms.parameters.begin(interval.at(level), start.parameters)
+        model.forms.parameters.set_step_values(interval.time_at(level), start.parameters)
         self._length, self._start = length, start
         follow = model.points.followers
-        followers = floats(follow.at(interval)) if len(follow) else np.empty(0)
-        t = interval.at(level) - level * length  # also of an instant
+        followers = floats(follow.forces_in(interval)) if len(follow) else np.empty(0)
+        t = interval.time_at(level) - level * length  # also of an instant
         self._library.fx_begin(self._c, t, length, self._of(followers))
         self.end_at(end)
 
@@ -115,7 +115,7 @@ class Equations:
             self._strains[:] = 0.0 if strains is None else strains.ravel()
         self._library.fx_end_at(self._c, self._length, end if at_rest else 0.0)
 
-    def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
+    def evaluate(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Residual:
         """Evaluate at increments of the unknowns y (free,) and of driven motion (driven,).
 
         `force` (size,) has the dead loads at the scheme's level. Also finds the tangent.
@@ -128,10 +128,10 @@ class Equations:
         y[:] = self._z[: len(y)]
         return self._balance
 
-    def at_start(self, force: np.ndarray) -> Balance:
+    def at_start(self, force: np.ndarray) -> Residual:
         """Evaluate at the start of the step: the increment is zero."""
         free, driven = self.model.reduction.free, self.model.reduction.driven
-        return self.at(np.zeros(free), np.zeros(driven), force)
+        return self.evaluate(np.zeros(free), np.zeros(driven), force)
 
     def change(self, D: np.ndarray, sizes: bool = False) -> np.ndarray:
         """Change (size,) of the forces with a small change of all degrees of freedom.
@@ -168,6 +168,6 @@ class Equations:
         """
         return self.extended().matrix
 
-    def extended(self) -> Extended:
+    def extended(self) -> ConstrainedMatrix:
         """Reduced tangent of the last balance, in long trees with auxiliary unknowns."""
-        return Extended.of(self.system(), self.model.reduction)
+        return ConstrainedMatrix.of(self.system(), self.model.reduction)

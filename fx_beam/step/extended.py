@@ -34,7 +34,7 @@ def schur_complement(A: scipy.sparse.csr_matrix, chosen: np.ndarray) -> scipy.sp
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class UnknownPlaces:
     """Where unknowns x, auxiliary ones u with forces h, and those that close loops d with F are.
 
     They are in this order; an auxiliary unknown and its force are beside each other.
@@ -75,33 +75,33 @@ class Places:
 
 
 @dataclass(frozen=True, eq=False)
-class Extended:
+class ConstrainedMatrix:
     """T^T A T (free, free), by a sparse `system` in which other unknowns are as well.
 
     S (x, u, h, d, F) = (b, 0, 0, 0, 0) gives T^T A T x = b.
     """
 
     system: scipy.sparse.csr_matrix
-    places: Places
+    places: UnknownPlaces
 
     @classmethod
-    def plain(cls, matrix: scipy.sparse.csr_matrix) -> Extended:
+    def plain(cls, matrix: scipy.sparse.csr_matrix) -> ConstrainedMatrix:
         """A matrix in which no other unknowns are."""
-        return cls(matrix, Places(matrix.shape[0], matrix.shape[0]))
+        return cls(matrix, UnknownPlaces(matrix.shape[0], matrix.shape[0]))
 
     @classmethod
-    def of(cls, system: scipy.sparse.csr_matrix, reduction: Reduction) -> Extended:
+    def of(cls, system: scipy.sparse.csr_matrix, reduction: Reduction) -> ConstrainedMatrix:
         """Extended matrix of a linear system."""
         dependent, free, size = reduction.auxiliaries.dependent, reduction.free, system.shape[0]
         if reduction.loops is None:
-            return cls(system, Places(size, free, dependent))
+            return cls(system, UnknownPlaces(size, free, dependent))
         forces = np.arange(size)[-len(reduction.forces) :]
         auxiliaries = np.arange(free, forces[0])
         order = np.concatenate([reduction.independent, auxiliaries, reduction.following, forces])
         place = np.argsort(order)
         acts_on = np.where(reduction.forces < 0, -1, place[reduction.forces])
         dependent = None if dependent is None else place[dependent]
-        places = Places(size, len(reduction.independent), dependent, acts_on, order)
+        places = UnknownPlaces(size, len(reduction.independent), dependent, acts_on, order)
         return cls(system[order][:, order], places)
 
     @property
@@ -114,7 +114,7 @@ class Extended:
         """Whether no other unknowns are in the system."""
         return self.free == self.system.shape[0]
 
-    def weighted(self, weight: scipy.sparse.csr_matrix, reduction: Reduction) -> Extended:
+    def weighted(self, weight: scipy.sparse.csr_matrix, reduction: Reduction) -> ConstrainedMatrix:
         """T^T W T of the same kind."""
         if not self.is_plain:
             equations, weights = self.system, reduction.maps.reduced(weight)
@@ -155,13 +155,13 @@ class Extended:
         first_force = len(pivots) - 2 * forces
         return int((pivots[: self.free] < 0).sum() + (pivots[first_force:] < 0).sum() - forces)
 
-    def with_data(self, data: np.ndarray) -> Extended:
+    def with_data(self, data: np.ndarray) -> ConstrainedMatrix:
         """Matrix with other entries, which SciPy may sort."""
         parts = data, self.system.indices, self.system.indptr
         matrix = scipy.sparse.csr_matrix(parts, self.system.shape, copy=True)
         return replace(self, system=matrix)
 
-    def only(self, selected: np.ndarray) -> Extended:
+    def only(self, selected: np.ndarray) -> ConstrainedMatrix:
         """A of some of x, u and d (n,), without equations."""
         row, column = np.zeros((2, self.system.shape[0]))
         row[self.places.rows] = column[self.places.columns] = selected
@@ -169,11 +169,11 @@ class Extended:
         return replace(self, system=parts.tocsr())
 
     @property
-    def without_equations(self) -> Extended:
+    def without_equations(self) -> ConstrainedMatrix:
         """A of x, u and d alone."""
         return self if self.is_plain else self.only(np.ones(len(self.places.rows)))
 
-    def scaled(self, scale: np.ndarray) -> Extended:
+    def scaled(self, scale: np.ndarray) -> ConstrainedMatrix:
         """Matrix for x, u and d of other units; zeros stay."""
         row, column = np.ones((2, self.system.shape[0]))
         places, first = self.places, self.places.first
@@ -185,7 +185,7 @@ class Extended:
         return self.with_data(self.system.data * row[rows] * column[self.system.indices])
 
     @property
-    def symmetric(self) -> Extended:
+    def symmetric(self) -> ConstrainedMatrix:
         """The symmetric part of A, with the equations between x, u and d."""
         mirrored, first = np.arange(self.system.shape[0]), self.places.first
         mirrored[first], mirrored[first + 1] = first + 1, first
@@ -201,7 +201,7 @@ class Extended:
         """T^T A T itself."""
         return schur_complement(self.system, np.arange(self.free))
 
-    def __add__(self, other: Extended) -> Extended:
+    def __add__(self, other: ConstrainedMatrix) -> ConstrainedMatrix:
         return replace(self, system=(self.system + other.system).tocsr())
 
     @cached_property

@@ -22,9 +22,9 @@ import numpy as np
 from fx_beam.c_library import Structs
 
 from .block import aligned_zeros
-from .layout import Arrays, Layout, Numbers, Rows, all_of, never_empty
+from .layout import Arrays, Numbers, Rows, StepVariables, all_of, never_empty
 from .model import Model
-from .tables import Problem, problem_of
+from .tables import ProblemInC, problem_of
 from .tangent_storage import ProblemKind
 
 # Numbers of a scene on which T depends, besides the masses.
@@ -54,13 +54,13 @@ def rate_fit(model: Model) -> FittedRates:
 class FitPlaces(NamedTuple):
     """Places in the vector of a fit."""
 
-    layout: Layout
+    layout: StepVariables
     states: Rows
     results: Rows
     numbers: dict[str, Numbers]
 
 
-def _places(problem: Problem, layout: Layout) -> FitPlaces:
+def _places(problem: ProblemInC, layout: StepVariables) -> FitPlaces:
     rows, p, slides = layout.at, problem.c.tables, layout.slides
     states = {"q": rows["q"], "v": rows["v"], "slides": slides, "driven rates": rows["driven"]}
     slides1 = np.where(slides < rows["q"][0], slides - rows["Y"][0] + rows["Y1"][0], slides)
@@ -91,7 +91,7 @@ class FittedRates:
         # Where everything is follows from the structure alone.
         places: FitPlaces | None = model.facts.get(FitPlaces)
         if places is None:
-            layout = Layout(problem, library.fx_layout(self._p, self._a))
+            layout = StepVariables(problem, library.fx_layout(self._p, self._a))
             places = model.facts[FitPlaces] = _places(problem, layout)
         #: Where the numbers of a fit are in its vector, rows of states and of results in it, and
         #: the numbers of the scene by name.
@@ -102,9 +102,9 @@ class FittedRates:
 
         `driven` (n, driven) are the rates of driven motions; those that are NaN are taken from v.
         """
-        return self.followed(self.library.VALUES, q, v, slides, driven)
+        return self.fit_with_derivatives(self.library.VALUES, q, v, slides, driven)
 
-    def followed(self, way: int, *states: np.ndarray, **derivatives: object) -> Fit:
+    def fit_with_derivatives(self, way: int, *states: np.ndarray, **derivatives: object) -> Fit:
         """As `fit`, and derivatives in one `way`, by members of ``Derivatives`` in C."""
         model, n, p = self._model, len(states[0]), self._p.tables
         if self._problem.numbers.data is not model.data:
@@ -151,7 +151,7 @@ class RateDerivatives:
         fits, rows = self._fits, np.arange(len(self.rates))
         members["states"] = fits.states.members(rows, len(rows), states)
         members["forces"] = fits.results.members(rows, len(rows), results)
-        fits.followed(way, *self._states, **members)
+        fits.fit_with_derivatives(way, *self._states, **members)
 
     def vjp(self, weights: Arrays) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Derivatives by "q", "v", "slides" and "driven rates" (n, ...), and by numbers.

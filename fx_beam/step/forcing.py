@@ -9,7 +9,7 @@ import numpy as np
 from fx_beam.dual import MaybeDual, floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
-from fx_beam.fem.scene_data import Data
+from fx_beam.fem.scene_data import SceneArrays
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
@@ -42,7 +42,7 @@ class Forcing:
     time = 0.0
     turning: TurningFrame | None = None
 
-    def __init__(self, model: Model, data: Data | None = None):
+    def __init__(self, model: Model, data: SceneArrays | None = None):
         self.model, self.data = model, (data := data or model.data)
         scene = data.scene
         self._driven = [
@@ -78,7 +78,7 @@ class Forcing:
     def natural(self, t: float) -> np.ndarray | None:
         """Natural strains (cells, degree, 3) at the end of a step [s]; None without any."""
         natural = self.data.natural
-        return natural.at(float(before(t))) if natural else None
+        return natural.sum_at(float(before(t))) if natural else None
 
     def derivatives(self, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivatives (driven,) of driven motion, from steps of length h [s].
@@ -162,7 +162,7 @@ class Forcing:
 
     def dead(self, t: float) -> np.ndarray:
         """Dead forces (size,) at a time, weight included [N, N m]."""
-        force = self.data.loads.at(t)
+        force = self.data.loads.sum_at(t)
         return force if self.model.masses.weight is None else force + self.model.masses.weight
 
 

@@ -12,7 +12,7 @@ import scipy.sparse
 from fx_beam.c_library import Structs
 from fx_beam.content_cache import cached_by_content, shallow_copy
 from fx_beam.dual import floats
-from fx_beam.fem.assembly import Field, Term
+from fx_beam.fem.assembly import Field, MeshTerm
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.sparsity import starts_of
 from fx_beam.laws.interval import StepBatch
@@ -46,7 +46,7 @@ class Kernel(NamedTuple):
 
     #: Forms on a mesh; their tensor entries are in this order. The first has all coefficients and
     #: constants.
-    forms: list[Term]
+    forms: list[MeshTerm]
 
     @property
     def size(self) -> int:

@@ -26,7 +26,7 @@ from fx_beam.scene.structure import Watch
 
 from .forcing import Forcing
 from .step_inputs import StepInputs, inputs_of, no_inputs
-from .tables import Problem
+from .tables import ProblemInC
 
 # Steps whose functions of time are evaluated at once.
 _BLOCK = 64
@@ -83,10 +83,10 @@ class HeldInputs:
                 part.set(array)
         self.values = new
 
-    def begin(self, t0: float, t1: float) -> None:
+    def set_times(self, t0: float, t1: float) -> None:
         """Set the times of a step [s]."""
         for ramp in self._ramps:
-            ramp.begin(t0, t1)
+            ramp.set_times(t0, t1)
 
     def arrive(self) -> None:
         """The end of a step."""
@@ -116,7 +116,7 @@ class SingleInputs:
     Functions of time are evaluated for some steps at once, and inputs of a motion for each one.
     """
 
-    def __init__(self, problem: Problem, forcing: Forcing):
+    def __init__(self, problem: ProblemInC, forcing: Forcing):
         self._problem, self._forcing = problem, forcing
         model, data, none = forcing.model, forcing.model.data, slice(None)
         ends = np.cumsum(model.scheme.fractions)
@@ -139,7 +139,7 @@ class SingleInputs:
         #: Number, start and end [s] of the next step.
         self._next = 0, math.nan, math.nan
 
-    def begin(self, grid: Callable[..., Any]) -> None:
+    def start_grid(self, grid: Callable[..., Any]) -> None:
         """Begin with step 1 of a grid, which has the ends of steps by their numbers."""
         self._grid = grid
         # Inputs of some steps, and the number of the first one.

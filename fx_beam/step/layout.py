@@ -11,7 +11,7 @@ import numpy as np
 from fx_beam.dual import LinearChanges
 
 from .block import aligned_zeros
-from .tables import Problem
+from .tables import ProblemInC
 
 #: Arrays by name.
 Arrays = Mapping[str, np.ndarray]
@@ -36,10 +36,10 @@ def all_of(places: np.ndarray) -> Numbers:
     return Numbers(places.ravel(), np.arange(places.size), places.size)
 
 
-class Layout:
+class StepVariables:
     """Where the arrays are, by their names in C with spaces."""
 
-    def __init__(self, problem: Problem, c: Any):
+    def __init__(self, problem: ProblemInC, c: Any):
         fields = [name for name, _ in problem.ffi.typeof(c).fields]
         starts = {name.replace("_", " "): getattr(c, name) for name in fields}
         #: The indices of all arrays; length of the vector.

@@ -12,7 +12,7 @@ from fx_beam.laws.interval import Interval
 from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 
-from .equations import Balance, Equations
+from .equations import Equations, Residual
 from .forcing import LoadForcing
 from .loop import CompiledLoop
 from .newton import NewtonOptions
@@ -93,9 +93,9 @@ class LoadLoop(CompiledLoop):
             rows["energies"][row, 0] += state.v @ spin / 2
             rows["momenta"][row] += sums_of(self.model, state.q[None], spin[None])[0]
 
-    def balance(self, state: State, factor: float) -> Balance:
+    def balance(self, state: State, factor: float) -> Residual:
         """The equations in a state at a load factor, without holding forces."""
-        self.equations.begin(Interval(factor, factor), state)
+        self.equations.set_start(Interval(factor, factor), state)
         return self.equations.at_start(self.forcing.dead(factor))
 
     def step(self, state: State, interval: Interval) -> tuple[State, StepSolution]:
@@ -135,7 +135,7 @@ class LoadLoop(CompiledLoop):
         self.state.load(state)
         model.forms.compiled_points.set_load(interval.end, length)
         force, mean_force, strains = self._given_forces
-        force[:], mean_force[:] = map(forcing.dead, (interval.end, interval.at(0.5)))
+        force[:], mean_force[:] = map(forcing.dead, (interval.end, interval.time_at(0.5)))
         if model.masses.weight is not None:  # whose work is all of its potential energy
             mean_force -= model.masses.weight
         if (natural := forcing.natural(interval.end)) is not None:

@@ -18,8 +18,8 @@ from .inverted_sections import count_inverted, least_energy
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, RecordInC, Rows
 from .step_failures import StepFailed, StepFailures
-from .step_inputs import StepInputs, TakenSteps, inputs_of
-from .tables import Problem, problem_of
+from .step_inputs import StepBlock, StepInputs, inputs_of
+from .tables import ProblemInC, problem_of
 from .tangent_storage import ProblemKind
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class CompiledLoop:
         """Why steps fail."""
         return StepFailures(self.model, self.problem.kind.newton, self.stats)
 
-    def take(self, steps: Steps, recorder: Rows) -> int:
+    def take_steps(self, steps: EqualSteps, recorder: Rows) -> int:
         """Take steps or parts of equal length from the state in C; number of successful ones.
 
         With a control they end behind the first step whose error asks for another length.
@@ -88,7 +88,7 @@ class CompiledLoop:
         self.count()
         return count
 
-    def result(self, steps: Steps, count: int) -> StepsResult:
+    def result(self, steps: EqualSteps, count: int) -> StepsResult:
         """Outcome of the steps that were taken last, of which a number succeeded."""
         p, C, last_ratio, ratio = self.problem.c, self.problem.library, None, None
         failure = p.work.run.failure
@@ -106,7 +106,7 @@ class CompiledLoop:
         """Record a state in the next row of a recorder, as C records the ends of steps."""
         self.model.forms.parameters.use(state.parameters)
         self.state.load(state)
-        recorder.begin(state)
+        recorder.begin_row(state)
         record = self._record.next(recorder, 0, first=0)
         problem, none = self.problem, self.problem.ffi.NULL
         problem.library.fx_run(problem.c, 0, state.t, 0.0, none, none, record)
@@ -141,7 +141,7 @@ class CompiledLoop:
         kind, failed = ffi.typeof(newton.find), self.problem.library.NO_CONVERGENCE
         newton.find = self._find = ffi.callback(kind, find, error=failed, onerror=fail)
 
-    def _run_taped(self, tape: Tape, steps: Steps, t: float, record: Any) -> int:
+    def _run_taped(self, tape: Tape, steps: EqualSteps, t: float, record: Any) -> int:
         """Number of steps that succeeded, on a tape with the state before every so many steps."""
         total, inputs, times = 0, steps.inputs, np.concatenate([[t], steps.ends])
         number = inputs.steps
@@ -151,8 +151,8 @@ class CompiledLoop:
             count -= (
                 (record.part + count) % record.parts if count > record.parts else 0
             )  # whole steps
-            taken = TakenSteps(count, steps.dt, record.parts, record.part, rest, times[total:])
-            record.tape = tape.begin(taken)
+            taken = StepBlock(count, steps.dt, record.parts, record.part, rest, times[total:])
+            record.tape = tape.keep_steps(taken)
             now, limits = self.problem.c.work.state.t, steps.limits(self.problem)
             c_inputs = rest.in_c(self.problem.ffi)
             done = self._steps(count, now, steps.dt, c_inputs, record, limits)
@@ -196,7 +196,7 @@ class CompiledLoop:
                 stats.rounding_in = self.model.mesh.place_of(counts.left_at // 3, self.model.scene)
 
 
-class Steps(NamedTuple):
+class EqualSteps(NamedTuple):
     """Steps or parts of equal length that are tried."""
 
     #: Their ends [s], the length of each [s], which has no rounding of times, and their inputs.
@@ -212,7 +212,7 @@ class Steps(NamedTuple):
     #: Whether they end before one in which a contact or a law switches.
     watch: bool = False
 
-    def limits(self, problem: Problem) -> Any:
+    def limits(self, problem: ProblemInC) -> Any:
         """The struct ``Limits``: when C ends them, as their errors or switches tell."""
         watches, control = self.watch and problem.c.work.control.switches > 0, self.control
         if control is None:

@@ -18,9 +18,9 @@ from fx_beam.dual import MaybeDual, dual_array, floats
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
-from fx_beam.fem.mass import Mass
+from fx_beam.fem.mass import MassMatrix
 from fx_beam.fem.mesh import Mesh, build_mesh
-from fx_beam.fem.scene_data import Data, FormData, arms_of, form_data
+from fx_beam.fem.scene_data import FormData, SceneArrays, arms_of, form_data
 from fx_beam.laws.rates import NewmarkRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
@@ -88,7 +88,7 @@ class Kinks:
         first, last = (np.sign(self.switches(state)) for state in (start, end))
         return (members is not None and members.are_near) or not np.array_equal(first, last)
 
-    def begin(self, start: State, end: State) -> bool:
+    def may_begin(self, start: State, end: State) -> bool:
         """Whether flow or contact may begin or end in a step, which its predictor does not know."""
         return self.flowed(start, end) or (self.has_contact and self.switched(start, end))
 
@@ -133,7 +133,7 @@ class Model:
         #: Where forces bend.
         self.kinks = Kinks(scene, forms, scheme.rates.at_rest)
         #: The mass of beams and lumped ones.
-        self.masses = Mass(scene, self.mesh, forms.stiffness, forms.cell_entries)
+        self.masses = MassMatrix(scene, self.mesh, forms.stiffness, forms.cell_entries)
         #: The numbers of the scene.
         self.data = data = self.read(scene, X, form_numbers)
         self.scene = scene
@@ -160,7 +160,9 @@ class Model:
         #: Why the scene without loads is a mechanism; empty if it is none.
         self.mechanism = "" if part else _mechanism(self, *self._rests)
 
-    def read(self, scene: Scene, X: MaybeDual, forms: FormData, known: Data | None = None) -> Data:
+    def read(
+        self, scene: Scene, X: MaybeDual, forms: FormData, known: SceneArrays | None = None
+    ) -> SceneArrays:
         """The numbers of a scene with nodes at X (n, 2); loads that are not there are those known.
 
         Friction that sticks has the damping of `forms`; see `damped`.
@@ -177,9 +179,9 @@ class Model:
             natural = known.natural
         gears, moved = numbers_of_gears(scene), motors(scene)
         lasting = LoadedBeams.of(scene), Parts.of(scene)
-        return Data(scene, X, forms, masses, loads, natural, arms, gears, moved, *lasting)
+        return SceneArrays(scene, X, forms, masses, loads, natural, arms, gears, moved, *lasting)
 
-    def set_numbers(self, data: Data) -> None:
+    def set_numbers(self, data: SceneArrays) -> None:
         """Take the numbers of a scene of this structure, as if this were the model of it.
 
         OtherStructureError, then nothing is set. What was assembled changes in place.
@@ -297,7 +299,7 @@ class Model:
         if loops is not None and not made_later:
             from fx_beam.coupling.determinacy import check_loops
 
-            self.reduction.begin(np.zeros(self.size), slides_at_start(scene))
+            self.reduction.set_start(np.zeros(self.size), slides_at_start(scene))
             check_loops(scene, self.reduction, loops)
 
 
@@ -309,7 +311,7 @@ def look_at_ends(scene: Scene, mesh: Mesh) -> None:
         warn_of_unjoined(scene, mesh)
 
 
-def damped(model: Model, data: Data, reduction: Reduction) -> Data:
+def damped(model: Model, data: SceneArrays, reduction: Reduction) -> SceneArrays:
     """Numbers in which friction that sticks has critical damping, by the masses it holds."""
     mass = model.masses.places.matrix(floats(data.masses["mass"]))
     moves = mobility(data, mass, reduction, model.mesh)
@@ -332,7 +334,7 @@ def massless_dofs(model: Model) -> np.ndarray:
     heavy, reduction = model.masses.matrix.diagonal() > 0, model.reduction
     if heavy.all():
         return ~heavy
-    reduction.begin(np.zeros(model.size), slides_at_start(model.scene))
+    reduction.set_start(np.zeros(model.size), slides_at_start(model.scene))
     # Those that are equal have equal rates, whatever those of the columns are.
     rates = np.random.default_rng(0).random(reduction.columns)
     rates = reduction.maps.to_nodes(rates)
@@ -419,7 +421,7 @@ def _probable_features(scene: Scene, scheme: Scheme) -> str:
 # -- The numbers of a scene by the indices of a model ----------------------------------------------
 
 
-def read_numbers(model: Model, scene: Scene) -> Data:
+def read_numbers(model: Model, scene: Scene) -> SceneArrays:
     """The numbers of a scene of the structure of a model; OtherStructureError for other zeros.
 
     Friction that sticks has the damping of other masses until `Model.set_numbers`.
@@ -430,7 +432,7 @@ def read_numbers(model: Model, scene: Scene) -> Data:
     return data
 
 
-def data_of(model: Model, scene: Scene) -> Data:
+def data_of(model: Model, scene: Scene) -> SceneArrays:
     """The numbers of a scene; OtherStructureError if it differs in more from that of the model."""
     model.structure.check(scene)
     data = read_numbers(model, scene)
@@ -441,7 +443,7 @@ def data_of(model: Model, scene: Scene) -> Data:
     return damped(model, data, fitting.reduction)
 
 
-def _check(model: Model, data: Data) -> None:
+def _check(model: Model, data: SceneArrays) -> None:
     """OtherStructureError if data are of other kinds than the numbers that a model has."""
     known = model.data
     model.forms.check(data.forms)
@@ -454,7 +456,7 @@ def _check(model: Model, data: Data) -> None:
             old.check(new)
 
 
-def numbers_of(model: Model, data: Data) -> dict[str, MaybeDual]:
+def numbers_of(model: Model, data: SceneArrays) -> dict[str, MaybeDual]:
     """All numbers by name as flat arrays, with slopes that the scene has."""
     scene, couplings = data.scene, model.couplings
     numbers: dict[str, object] = {"X": data.X, "columns": data.loads.entries}

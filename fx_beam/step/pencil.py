@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from .extended import Extended
+from .extended import ConstrainedMatrix
 
 # Largest error of a vector in its iteration.
 _EXACT = 1e-12
@@ -18,13 +18,13 @@ _MORE = 10
 
 
 class Pencil:
-    """K - x M of `Extended` matrices: its factors have one sparsity, whatever x.
+    """K - x M of `ConstrainedMatrix` matrices: its factors have one sparsity, whatever x.
 
     Stiffnesses and eigenvalues are of order 1. Other unknowns of the system have vectors as well;
     `massive` are those with mass.
     """
 
-    def __init__(self, K: Extended, M: Extended, massive: np.ndarray):
+    def __init__(self, K: ConstrainedMatrix, M: ConstrainedMatrix, massive: np.ndarray):
         #: Both matrices of the unknowns (size, size).
         self.K, self.M = K.alone, M.alone
         self._free, self._massive = K.free, massive

@@ -14,7 +14,7 @@ from fx_beam.scene.structure import OtherStructureError, Structure
 
 from .block import BlockPlan
 from .model import Model, look_at_ends, read_numbers
-from .tables import Problem
+from .tables import ProblemInC
 
 # Number of purposes, such as options of Newton's method, for which a program has problems in C.
 _MOST = 16
@@ -29,7 +29,7 @@ class Program:
     def __init__(self, model: Model):
         self.model, self._lock = model, RLock()
         # Problems by their purpose, with the places of what changes in them.
-        self._problems: dict[Any, tuple[Problem, BlockPlan]] = {}
+        self._problems: dict[Any, tuple[ProblemInC, BlockPlan]] = {}
         #: Places of what changes in a model.
         self.plan = BlockPlan(declared("problem.h", MACROS), *model.memory)
 
@@ -44,7 +44,7 @@ class Program:
             look_at_ends(scene, model.mesh)
         return model
 
-    def problem_of(self, model: Model, kind: Any) -> Problem:
+    def problem_of(self, model: Model, kind: Any) -> ProblemInC:
         """A problem in C of a model that `model_of` made, in a block of its own."""
         known = self._problems.get(kind)
         if known is None:
@@ -53,10 +53,10 @@ class Program:
         pattern, plan = known
         return pattern.in_block(plan.block(model.block), model)
 
-    def _add(self, model: Model, kind: Any) -> tuple[Problem, BlockPlan]:
+    def _add(self, model: Model, kind: Any) -> tuple[ProblemInC, BlockPlan]:
         pattern = shallow_copy(self.model)
         pattern.scene = model.scene  # to the first scene something may have been added since
-        problem = Problem(pattern, kind)
+        problem = ProblemInC(pattern, kind)
         plan = BlockPlan(problem.ffi, *problem.memory, outer=self.plan)
         plan.places = problem.places(plan)
         if len(self._problems) >= _MOST:

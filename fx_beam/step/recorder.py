@@ -19,7 +19,7 @@ from .model import Model, fact, need_rates, widths_of
 
 if TYPE_CHECKING:
     from .state_vector import StateCopy
-    from .tables import Problem
+    from .tables import ProblemInC
     from .tape import Tape
 
 # What may be recorded.
@@ -302,7 +302,7 @@ class Recorder:
         parted = len(self.model.scheme.fractions) > 1 or self.model.forms.needs_previous
         return parted or parts > 1 or self.grid.every > 1
 
-    def begin(self, state: State) -> None:
+    def begin_row(self, state: State) -> None:
         """Have a state of the next row, which is the first one if there is no row yet."""
         if not self.rows:
             self.first = state
@@ -315,7 +315,7 @@ Rows = Recorder | NullRecorder
 class RecordInC:
     """The struct ``Record`` of the last recorder, to which C writes rows of its state."""
 
-    def __init__(self, problem: Problem):
+    def __init__(self, problem: ProblemInC):
         self._ffi, self._state = problem.ffi, problem.c.work.state
         self._sub_steps = problem.c.tables.scheme.sub_steps
         #: The recorder, its plan, the record, and what this points to.

@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.fem.frictions import Bristle
 
-from .tables import Problem
+from .tables import ProblemInC
 from .tape import Tape
 
 #: Sub-steps of a run that may have one.
@@ -74,7 +74,7 @@ def all_places(bristles: Sequence[Bristle]) -> np.ndarray:
     return np.ravel([(b.place, b.place + 1, b.place + 2 * b.follows) for b in bristles])
 
 
-def histories_of(tape: Tape, problem: Problem, places: np.ndarray) -> np.ndarray:
+def histories_of(tape: Tape, problem: ProblemInC, places: np.ndarray) -> np.ndarray:
     """Internal variables (n + 1, places) of forces at points at all ends of sub-steps.
 
     If not all rows are kept the run is repeated for them.

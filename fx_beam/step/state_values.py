@@ -53,7 +53,7 @@ def added_force(model: Model, state: State, factor: float, time: float) -> np.nd
     if not forms.has_added:
         return zero
     forms.set_load(factor)
-    forces = forms.begin(Interval(time, time), start_of(model, state, 0.0))
+    forces = forms.begin_step(Interval(time, time), start_of(model, state, 0.0))
     forces.internal(zero)
     return forces.added()
 

@@ -101,7 +101,7 @@ class StepControl:
         ends[-1] = t_end
         return ends, (t_end - t) / steps
 
-    def begin(self, length: float) -> None:
+    def restart(self, length: float) -> None:
         """Start with a length [s], without a memory of steps before."""
         self.length, self._last_ratio = min(length, self._longest), 0.0
 
@@ -136,9 +136,9 @@ class StepControl:
         factor = (_DESIRED / max(ratio, 1e-12)) ** (1 / self._power)
         longer = dt < (1 - 1e-6) * min(longest, self._longest)
         if ratio <= 1 and not (longer and factor > _GROWTH):
-            self.begin(dt * min(factor, 1.0))
+            self.restart(dt * min(factor, 1.0))
             return False
-        self.begin(min(dt * min(max(factor, 1 / _MOST_GROWTH), _MOST_GROWTH), longest))
+        self.restart(min(dt * min(max(factor, 1 / _MOST_GROWTH), _MOST_GROWTH), longest))
         return True
 
     @property

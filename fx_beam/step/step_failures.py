@@ -78,7 +78,7 @@ class StepFailures:
 
         reasons: dict[int, str] = {Found.MOVED: _MOVED, Found.SLID: _MOVED}
         reasons[Found.PASSED] = _PASSED
-        if (reason := reasons.get(members.check(D))) is not None:
+        if (reason := reasons.get(members.check_search(D))) is not None:
             raise StepFailed("members", reason, D, corrections)
 
     def unconverged(self, D: np.ndarray, corrections: list[float]) -> StepFailed:
@@ -92,7 +92,7 @@ class StepFailures:
         D = next(problem.results(D=self.model.size)).copy()
         last = range(max(0, p.work.newton.tried - C.CORRECTIONS), p.work.newton.tried)
         corrections = [p.work.newton.corrections[i % C.CORRECTIONS] for i in last]
-        reduction.begin(state.q, state.slides)  # which says whether it is singular
+        reduction.set_start(state.q, state.slides)  # which says whether it is singular
         if p.work.run.failure == C.SLID_TOO_FAR:
             arcs = [(s.s0, s.s1) for s in (p.work.slider[i] for i in range(p.tables.sliders.count))]
             return StepFailed(*(reduction.fault(arcs) or ("", "")), D, corrections)

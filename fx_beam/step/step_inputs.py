@@ -12,7 +12,7 @@ from fx_beam.dual import floats
 from fx_beam.laws.interval import divided
 
 from .forcing import Forcing
-from .tables import Problem
+from .tables import ProblemInC
 
 # Inputs of which a single row may stand for all sub-steps.
 _REPEATED = "loads", "follower_force", "natural"
@@ -72,7 +72,7 @@ class StepInputs:
         return inputs
 
 
-class TakenSteps(NamedTuple):
+class StepBlock(NamedTuple):
     """Steps that C takes at once, from which they can be repeated."""
 
     number: int
@@ -91,7 +91,7 @@ def no_inputs(parts: int, steps: int = 0) -> StepInputs:
     return StepInputs(pairs, none, none, pairs, none, parts)
 
 
-def inputs_of(problem: Problem, forcing: Forcing, t: float, times: np.ndarray) -> StepInputs:
+def inputs_of(problem: ProblemInC, forcing: Forcing, t: float, times: np.ndarray) -> StepInputs:
     """Inputs of steps from t to `times` [s]; if a function of time fails, of those before."""
     p, model = problem.c.tables, forcing.model
     inputs = no_inputs(p.scheme.sub_steps, len(times))

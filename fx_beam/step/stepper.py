@@ -14,7 +14,7 @@ from fx_beam.results.records import stats_unchanged
 from fx_beam.results.state import State
 
 from .full_turns import TurnCounter
-from .loop import CompiledLoop, Steps, StepsResult
+from .loop import CompiledLoop, EqualSteps, StepsResult
 from .recorder import Mark, NullRecorder, Recorder, Rows
 from .step_failures import OPEN, StepFailed
 from .substeps import Halving
@@ -61,7 +61,7 @@ class Stepper:
         state = self.loop.state
         return state.read().changed(past=state.past, parts=self.halving.state)
 
-    def begin(self, state: State, recorder: Rows) -> None:
+    def begin_rows(self, state: State, recorder: Rows) -> None:
         """Begin the rows of a run with its first state."""
         if isinstance(recorder, Recorder):
             self.loop.record(state, recorder)
@@ -119,8 +119,8 @@ class Stepper:
             if halving.times:
                 ends = halving.ends(np.append(t0, times)[done:])
                 part_inputs = loop.inputs_ahead(loop.state.t, ends)
-            steps = Steps(ends, dt / parts, part_inputs, first + done, halving.done, parts)
-            count = loop.take(steps, recorder)
+            steps = EqualSteps(ends, dt / parts, part_inputs, first + done, halving.done, parts)
+            count = loop.take_steps(steps, recorder)
             steps_done = self._completed(count, recorder) if count else 0
             done += steps_done
             if count < part_inputs.steps:
@@ -136,7 +136,7 @@ class Stepper:
     def _completed(self, count: int, recorder: Rows) -> int:
         """Number of whole steps that parts of steps complete, which are counted."""
         halving, times = self.halving, self.halving.times
-        whole = halving.take(count)
+        whole = halving.count_done(count)
         if halving.times != times:
             # Where steps fail, predictions from steps of another length lead astray.
             self.loop.state.past = None
@@ -161,8 +161,8 @@ class Stepper:
         with self.unchanged():
             loop.state.load(state)
             inputs = loop.inputs_ahead(state.t, ends)
-            steps = Steps(ends, t1 - state.t, inputs, 1, watch=watch)
-            count = loop.take(steps, recorder)
+            steps = EqualSteps(ends, t1 - state.t, inputs, 1, watch=watch)
+            count = loop.take_steps(steps, recorder)
             switches = loop.result(steps, count).switches
             return Trial(loop.state.read() if count else None, switches)
 
@@ -180,8 +180,8 @@ class Stepper:
         With `watch` only up to where a contact or a law switches.
         """
         inputs = self.loop.inputs_ahead(self.loop.state.t, ends)
-        steps = Steps(ends, dt, inputs, first, control=control, watch=watch)
-        count = self.loop.take(steps, recorder)
+        steps = EqualSteps(ends, dt, inputs, first, control=control, watch=watch)
+        count = self.loop.take_steps(steps, recorder)
         if count:
             self.stats.steps += count
             self.mark(recorder)

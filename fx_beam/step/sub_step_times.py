@@ -9,7 +9,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 
 
-class Steps(NamedTuple):
+class WholeSteps(NamedTuple):
     """Some whole steps of a run, with all parts and sub-steps."""
 
     #: Numbers (n,) of the sub-steps with which they begin, and lengths [s]; 0 for the start itself.
@@ -34,7 +34,7 @@ class Times(NamedTuple):
     #: Number of sub-steps of a whole step, or of a part of one that was halved.
     sub_step_count: int = 1
 
-    def steps_to(self, boundaries: np.ndarray) -> Steps:
+    def steps_to(self, boundaries: np.ndarray) -> WholeSteps:
         """The steps that end before some sub-steps."""
         begins = np.flatnonzero(self.begins)
         last = np.searchsorted(begins, np.maximum(boundaries - 1, 0), side="right") - 1
@@ -45,7 +45,7 @@ class Times(NamedTuple):
         part_lengths = self.lengths[sub_steps]
         lengths, shares = np.bincount(rows, part_lengths, len(boundaries)), np.ones(len(rows))
         np.divide(part_lengths, lengths[rows], out=shares, where=counts[rows] > 1)
-        return Steps(starts, lengths, sub_steps, rows, shares)
+        return WholeSteps(starts, lengths, sub_steps, rows, shares)
 
     @property
     def first_length(self) -> float:

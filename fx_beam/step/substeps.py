@@ -69,7 +69,7 @@ class Halving:
         lengths = np.append(np.diff(grid), 0.0)
         return grid[step] + lengths[step] * part / self.parts
 
-    def take(self, number: int) -> int:
+    def count_done(self, number: int) -> int:
         """Count successful sub-steps; returns the number of steps that they complete."""
         steps, self.done = divmod(self.done + number, self.parts)
         if number:

@@ -109,12 +109,12 @@ class SceneNumbers:
         return numbers
 
 
-class Problem:
+class ProblemInC:
     """The C struct Problem of a model, and the arrays to which it points."""
 
     #: The block of a run that a program has given it, and the problem of the program.
     block: Block
-    _pattern: Problem
+    _pattern: ProblemInC
 
     def __init__(self, model: Model, kind: ProblemKind):
         assert model.program is None, "use problem_of: tables of a run have numbers of its pattern"
@@ -203,7 +203,7 @@ class Problem:
         tables = self.tables
         return tables.places(plan) if tables is not None and tables.is_placed else None
 
-    def in_block(self, block: Block, model: Model) -> Problem:
+    def in_block(self, block: Block, model: Model) -> ProblemInC:
         """The problem of a run, with the numbers of its model, by the pattern that this is."""
         other, view = shallow_copy(self), block.view
         other._pattern, other.block, other.model = self, block, model
@@ -343,7 +343,7 @@ def _points(storage: TangentStorage) -> dict[str, dict[str, object]]:
     """Forces at points, and parameters, by the names in c/tables.h, numbers.h and work.h."""
     model, points, stored_at = storage.model, storage.model.points, storage.stored_at
     point_members: dict[str, object] = {"spring_width": points.width}
-    point_members["friction_follows"] = len(points.followed) > 0
+    point_members["friction_follows"] = len(points.normal_forces) > 0
     tables: dict[str, object] = {"at_points": point_members}
     tables["newton"] = {"may_overshoot": model.kinks.overshoot}
     numbers: dict[str, object] = {"points": [{}]}
@@ -421,8 +421,8 @@ def _passes(model: Model) -> dict[str, object]:
     return {"joints": joints, "count": len(sums), "force_count": counts[2], **tables}
 
 
-def problem_of(model: Model, kind: ProblemKind) -> Problem:
+def problem_of(model: Model, kind: ProblemKind) -> ProblemInC:
     """A problem in C of a model, for one purpose and one user."""
     if model.program is None:
-        return Problem(model, kind)
+        return ProblemInC(model, kind)
     return model.program.problem_of(model, kind)

@@ -13,9 +13,9 @@ from fx_beam.results.state import State
 from .checkpoints import Checkpoints, pointer_to
 from .forcing import LoadForcing
 from .model import Model
-from .step_inputs import TakenSteps
+from .step_inputs import StepBlock
 from .sub_step_times import Times
-from .tables import Problem
+from .tables import ProblemInC
 
 # Numbers of a row before its arrays: start, length, memory, and shares of means (c/tape.h).
 TAPED_NUMBERS = 5
@@ -47,7 +47,7 @@ class Tape:
     memory lasts, increments are kept as well, from which steps are repeated without iterations.
     """
 
-    def __init__(self, problem: Problem, limit: float = LIMIT):
+    def __init__(self, problem: ProblemInC, limit: float = LIMIT):
         self.problem = problem
         #: The C struct Tape.
         self.c = problem.ffi.new("Tape *")
@@ -89,14 +89,14 @@ class Tape:
 
     # -- Written in a run -------------------------------------------------------------------------
 
-    def begin(self, steps: TakenSteps):
+    def keep_steps(self, steps: StepBlock):
         """Keep the state before some steps; the C struct for their rows, or 0 for none."""
         sub_steps = steps.number * self._checkpoints.parts
         if self.is_whole and 8 * self.c.size * (self.c.rows + sub_steps) > self._checkpoints.limit:
             self.is_whole = False
             self._checkpoints.take_increments(self._rows)
             self._set_rows(np.empty((0, self.c.size)))
-        increments = self._checkpoints.begin(len(self), steps, not self.is_whole)
+        increments = self._checkpoints.keep_state(len(self), steps, not self.is_whole)
         if self.is_whole:
             return self._with_room(sub_steps)
         if increments is None:
@@ -122,7 +122,7 @@ class Tape:
 
     # -- Read afterwards --------------------------------------------------------------------------
 
-    def parts(self, problem: Problem, backwards: bool = False) -> Iterator[Part]:
+    def parts(self, problem: ProblemInC, backwards: bool = False) -> Iterator[Part]:
         """The parts of the run, one after the other on the tape; each begins with a whole step."""
         self.c.all = len(self)
         if self.is_whole:
@@ -194,7 +194,7 @@ class Tape:
 
 
 def static_tape(
-    problem: Problem, start: State, states: Sequence[State], forcing: LoadForcing
+    problem: ProblemInC, start: State, states: Sequence[State], forcing: LoadForcing
 ) -> Tape:
     """The steps from a state over others, as rows of a tape (c/tape.h).
 
@@ -203,7 +203,7 @@ def static_tape(
     """
     model, t = problem.model, np.array([forcing.time])
     loads, strains = (floats(model.data.loads.series(t))[0], floats(forcing.naturals(t))[0])
-    values, followers = model.forms.parameters.at(forcing.time), model.points.followers
+    values, followers = model.forms.parameters.values_at(forcing.time), model.points.followers
     follower_force = floats(followers.series(t, t)) if len(followers) else None
     rows, apart, last = [], not model.kinks.flows, start.t
     for old, new in zip(states if apart else [start, *states], states, strict=False):
@@ -239,7 +239,7 @@ def _at_start(model: Model, old: State, new: State) -> np.ndarray | None:
     """Internal variables of forces at points at its start, with forces that friction follows."""
     if old.spring_internal is None or new.spring_internal is None:
         return None
-    variables, followed = old.spring_internal.copy(), model.points.followed
+    variables, followed = old.spring_internal.copy(), model.points.normal_forces
     variables[followed] = new.spring_internal[followed]
     return variables
 

@@ -12,14 +12,14 @@ from fx_beam.coupling.graph import joints_with_arms
 from fx_beam.dual import nonzero_rows
 from fx_beam.errors import SceneError, any_of
 from fx_beam.fem.frictions import bristles_of
-from fx_beam.fem.scene_data import Data
+from fx_beam.fem.scene_data import SceneArrays
 
 from .block import aligned_zeros
 from .build import begin_to_build
-from .layout import Arrays, Layout, Numbers, all_of, never_empty, put_columns
+from .layout import Arrays, Numbers, StepVariables, all_of, never_empty, put_columns
 from .model import Model
 from .reversals import LEAST_STEPS, all_places, histories_of, reversal_rows
-from .tables import Problem
+from .tables import ProblemInC
 from .tape import Part, Tape
 from .vjp_work import Members, VjpWork
 
@@ -34,7 +34,7 @@ class TapeDerivatives:
     What both need is in the libraries of both; `way` is that of the first derivatives.
     """
 
-    def __init__(self, problem: Problem, way: str = "VJP"):
+    def __init__(self, problem: ProblemInC, way: str = "VJP"):
         _check(problem.model)
         self.problem = problem
         begin_to_build(problem.storage.features, way)  # beside slopes of forms
@@ -65,15 +65,15 @@ class TapeDerivatives:
             self._structs.set(self.c, transposed_at=problem.storage.transposed(problem))
         #: Slides of moving joints in the reference, and the data of which they are.
         self._slide_at_rest = np.zeros(1 + len(problem.model.couplings.arm_joints))
-        self._data: Data | None = None
+        self._data: SceneArrays | None = None
         self._structs.set(self.c, slide_at_rest=self._slide_at_rest)
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> StepVariables:
         """Where the arrays of the derivatives are in their vector."""
         starts = self.problem.derivatives(self._way).fx_layout(self.problem.c, self.c)
-        layout = Layout(self.problem, starts)
-        followed = layout.at["spring internal"][self.problem.model.points.followed]
+        layout = StepVariables(self.problem, starts)
+        followed = layout.at["spring internal"][self.problem.model.points.normal_forces]
         self._structs.set(self.c, followed=followed)
         return layout
 
@@ -350,7 +350,7 @@ class TapeDerivatives:
         self._structs.set(self.c, scratch=aligned_zeros(room))
 
 
-def _changes_of_steps(layout: Layout, changes: Arrays, count: int, rows: int) -> np.ndarray:
+def _changes_of_steps(layout: StepVariables, changes: Arrays, count: int, rows: int) -> np.ndarray:
     """Changes of the numbers of sub-steps in groups (groups, rows * step_size, group size)."""
     steps = layout.groups(count, rows * layout.step_size)
     for name in changes.keys() & layout.steps.keys():

@@ -11,7 +11,7 @@ import scipy.sparse
 
 from fx_beam.errors import SceneError
 
-from .extended import Extended
+from .extended import ConstrainedMatrix
 from .pencil import Pencil
 from .sparse_lu import Pattern
 
@@ -61,7 +61,9 @@ class UndampedModes:
     unknowns of the system have vectors as well; `massive` are the unknowns (free,) with mass.
     """
 
-    def __init__(self, K: Extended, M: Extended, massive: np.ndarray | None = None):
+    def __init__(
+        self, K: ConstrainedMatrix, M: ConstrainedMatrix, massive: np.ndarray | None = None
+    ):
         K = K.with_data(K.system.data * (abs(K.system.data) > _TINY))
         k, m, free = abs(K.alone.diagonal()), M.alone.diagonal(), K.free
         self._free, heavy = free, m > 0

@@ -9,7 +9,7 @@ from fx_beam.coupling.graph import Couplings
 from fx_beam.coupling.reduction import Reduction
 from fx_beam.fem.mass import about_centres, mobilities
 from fx_beam.fem.mesh import Mesh
-from fx_beam.fem.scene_data import Data
+from fx_beam.fem.scene_data import SceneArrays
 from fx_beam.fem.sparsity import connected_parts
 from fx_beam.scene.joints import GROUND, slides_at_start
 from fx_beam.scene.scene import Scene
@@ -84,7 +84,7 @@ def little_mass(
 
 
 def mobility(
-    data: Data, mass: scipy.sparse.csr_matrix, reduction: Reduction, mesh: Mesh
+    data: SceneArrays, mass: scipy.sparse.csr_matrix, reduction: Reduction, mesh: Mesh
 ) -> np.ndarray:
     """1 / mass that moves with each degree of freedom, then with each slide; 0 without mass.
 
@@ -96,7 +96,7 @@ def mobility(
     joints = reduction.joints
     arms, gears = joints.arms.copy(), joints.gears.copy()
     joints.set_numbers(data.arms, data.gears)
-    reduction.begin(np.zeros(size), slides_at_start(scene))
+    reduction.set_start(np.zeros(size), slides_at_start(scene))
     closed = not reduction.singularity
     # Operations on small arrays are quick, those on sparse ones take 0.1 ms.
     if size <= _SMALL:

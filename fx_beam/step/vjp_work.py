@@ -11,13 +11,13 @@ from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.beam_slopes import BeamSlopes
 
 from .form_tables import Kernel, in_lanes
-from .layout import Layout
-from .tables import Problem
+from .layout import StepVariables
+from .tables import ProblemInC
 
 #: Members of a struct in C by name.
 Members = dict[str, object]
-# Arrays of `Layout` and rows of `FormTables` of numbers that elements have in common, by the names
-# of derivatives; other numbers are of each element.
+# Arrays of `StepVariables` and rows of `FormTables` of numbers that elements have in common, by
+# the names of derivatives; other numbers are of each element.
 _IN_COMMON = {
     "increment": ("q1", "dofs"),
     "start": ("q", "dofs"),
@@ -35,9 +35,10 @@ class VjpWork:
     They are by the configurations at the end and at the start, not by increment and start.
     """
 
-    def __init__(self, name: str, beams: BeamForms, problem: Problem):
+    def __init__(self, name: str, beams: BeamForms, problem: ProblemInC):
         assert problem.tables is not None  # as there are beams
-        #: The forms, as the array of `Layout` with the numbers of one element after the other.
+        #: The forms, as the array of `StepVariables` with the numbers of one element after the
+        #: other.
         self.array, self._beams, self._tables = name, beams, problem.tables
         self._slopes, self._lanes = BeamSlopes(beams), problem.constants.LANES
         #: Its name in C.
@@ -61,7 +62,7 @@ class VjpWork:
             self._compiled[has_places] = [*slopes][1:], kernel, table  # behind the work
         return self._compiled[has_places]
 
-    def members(self, layout: Layout, has_places: bool) -> Members:
+    def members(self, layout: StepVariables, has_places: bool) -> Members:
         """The other members; without derivatives by places of nodes if they are not wanted."""
         slopes, kernel, table = self.compiled(has_places)
         ends = {weight: i for i, (name, weight) in enumerate(slopes) if name == "increment"}
@@ -97,13 +98,13 @@ class VjpWork:
             "to": targets,
         }
 
-    def of_element(self, layout: Layout) -> dict[str, np.ndarray]:
+    def of_element(self, layout: StepVariables) -> dict[str, np.ndarray]:
         """Places (cells, n) of the numbers of each element itself, by name."""
         cells = layout.at[self.array].reshape(-1, sum(self._local.values()))
         parts = np.split(cells, _starts(self._local.values())[1:-1], axis=1)
         return dict(zip(self._local, parts, strict=True))
 
-    def _numbers(self, layout: Layout) -> Iterator[np.ndarray]:
+    def _numbers(self, layout: StepVariables) -> Iterator[np.ndarray]:
         """Places (cells, n) of all numbers of the elements, in the order of the sizes."""
         element_rows, rows = iter(self.of_element(layout).values()), self._tables.rows
         for name, size in self._sizes.items():
@@ -115,7 +116,7 @@ class VjpWork:
             places = layout.at[array][np.reshape(columns, (-1, size))]
             yield np.broadcast_to(places, (len(rows["dofs"]), size))
 
-    def _weights(self, layout: Layout) -> list[np.ndarray]:
+    def _weights(self, layout: StepVariables) -> list[np.ndarray]:
         """Places (cells, n) of forces, and of internal variables at the end."""
         pairs = [("r", "dofs")]
         if "internal" in self._sizes:

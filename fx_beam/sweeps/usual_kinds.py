@@ -40,7 +40,7 @@ def compile_usual_kinds() -> None:
 
 def are_compiled() -> bool:
     """Whether they were compiled by these files of the package, this compiler and its flags."""
-    return library_cache.load(_name(), library_cache.content) is not None
+    return library_cache.load_cached(_name(), library_cache.content) is not None
 
 
 def _run(case: dict) -> None:

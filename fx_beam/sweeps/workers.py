@@ -94,7 +94,7 @@ def open_workers(
             raise SceneError("threads are those of this process: give no executor, and no timeout")
         return _OnThreads(int(threads), function)
     if executor is None:
-        return _Here(function)
+        return _SerialWorker(function)
     if is_whole(executor, 1, _MOST):
         return _OnProcesses(int(executor), function, timeout)
     ok = not isinstance(executor, int) and hasattr(executor, "submit")
@@ -113,7 +113,7 @@ def run(function: Callable, items: Sequence, executor: Executor | int | None) ->
         yield from workers.run(items)
 
 
-class _Here:
+class _SerialWorker:
     """The thread that asks, one item after another."""
 
     def __init__(self, function: Callable):
@@ -379,4 +379,4 @@ def _end_with_parent() -> None:
 
 
 #: What calls the function for items, as often as it is asked, until it is closed.
-Workers = _Here | _OnExecutor
+Workers = _SerialWorker | _OnExecutor

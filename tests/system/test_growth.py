@@ -23,13 +23,13 @@ def test_memory_grows_as_the_number_of_things(kind):
 
 @pytest.mark.parametrize(("kind", "error"), [(sliders, 0.1), (ladder, 0.15)])
 def test_factors_and_work_space_of_many_joints_are_linear(kind, error, monkeypatch):
-    loops, take = [], CompiledLoop.take
+    loops, take = [], CompiledLoop.take_steps
 
     def noted(loop, *arguments):
         loops.append(loop)
         return take(loop, *arguments)
 
-    monkeypatch.setattr(CompiledLoop, "take", noted)
+    monkeypatch.setattr(CompiledLoop, "take_steps", noted)
 
     def sizes(n):
         fb.simulate(kind(n)[0], dt=1e-3, t_end=2e-3)

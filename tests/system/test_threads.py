@@ -11,7 +11,7 @@ import fx_beam as fb
 from fx_beam.equilibria.small_motions import SmallMotions
 from fx_beam.step import tangent_storage, threads
 from fx_beam.step.program import PROGRAMS
-from fx_beam.step.tables import Problem
+from fx_beam.step.tables import ProblemInC
 
 SIDE = 24
 # Run first with threads, then in a fork, which has none of them.
@@ -82,20 +82,20 @@ def test_large_scenes_move_as_small_ones(run, large, monkeypatch):
 @pytest.fixture
 def problems(monkeypatch):
     """The problems of C that are set up."""
-    noted, begin = [], Problem.__init__
+    noted, begin = [], ProblemInC.__init__
 
     def begun(self, *arguments):
         begin(self, *arguments)
         noted.append(self)
 
-    monkeypatch.setattr(Problem, "__init__", begun)
-    in_block = Problem.in_block
+    monkeypatch.setattr(ProblemInC, "__init__", begun)
+    in_block = ProblemInC.in_block
 
     def begun_in_block(self, *arguments):
         noted.append(run := in_block(self, *arguments))
         return run
 
-    monkeypatch.setattr(Problem, "in_block", begun_in_block)
+    monkeypatch.setattr(ProblemInC, "in_block", begun_in_block)
     return noted
 
 
