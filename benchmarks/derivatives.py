@@ -18,8 +18,7 @@ import numpy as np
 
 import fx_beam as fb
 from fx_beam.dual import floats
-from fx_beam.motions.options import Options
-from fx_beam.motions.prepared import prepare
+from fx_beam.motions.motion_setup import Options, prepare
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives

@@ -23,8 +23,8 @@ import numpy as np
 
 import fx_beam as fb
 from fx_beam.step import stepper, tangent_storage
-from fx_beam.step.lu_layout import COSTS
 from fx_beam.step.program import PROGRAMS
+from fx_beam.step.sparse_lu import COSTS
 
 SECTION = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 

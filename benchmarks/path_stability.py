@@ -11,7 +11,7 @@ from time import process_time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.equilibria.small_motions import SmallMotions
+from fx_beam.equilibria.path_equations import SmallMotions
 
 RUNS = {8: 30, 128: 20, 1024: 10}
 

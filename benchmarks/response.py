@@ -14,7 +14,7 @@ from time import thread_time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.step.loop import CompiledLoop
+from fx_beam.step.stepper import CompiledLoop
 
 STEPS = 50
 

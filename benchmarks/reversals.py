@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import fx_beam as fb
-from fx_beam.step import reversals
+from fx_beam.step import tape_derivatives
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests/claims"))
@@ -19,12 +19,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests/claims"))
 from test_periodic_response import dry_friction
 from test_slip_reversals import derivatives, on_slide
 
-FEW = reversals._FEW
+FEW = tape_derivatives._FEW
 
 
 def main():
     for few, what in ((0, "of the steps alone"), (FEW, "with the time of the reversal")):
-        reversals._FEW = few
+        tape_derivatives._FEW = few
         print(f"Derivatives {what}")
         for stiffness in (1e4, 1e5, 1e6, 1e7, 1e8):
             row = []
@@ -39,7 +39,7 @@ def main():
     for dt in (1e-3, 5e-4, 2.5e-4, 1.2e-4, 6e-5):
         errors = []
         for few in (0, 1000):
-            reversals._FEW = few
+            tape_derivatives._FEW = few
             errors.append(derivatives(on_slide, dt, lambda mu: fb.Coulomb(mu, 1e6))[1])
         print(f"  {dt:g} s: {errors[0]:.1e} {errors[1]:.1e}")
 

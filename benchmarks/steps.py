@@ -31,7 +31,7 @@ CASES = (
 @contextlib.contextmanager
 def timed_steps():
     """A list to which the processor times of blocks of steps [s] are added."""
-    from fx_beam.step.loop import CompiledLoop
+    from fx_beam.step.stepper import CompiledLoop
 
     seconds, take = [], CompiledLoop.take_steps
 

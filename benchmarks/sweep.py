@@ -32,8 +32,8 @@ from time import monotonic, perf_counter, thread_time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.motions import motion_series
-from fx_beam.step.loop import CompiledLoop
+from fx_beam.motions import dynamics
+from fx_beam.step.stepper import CompiledLoop
 
 LENGTH, SPEED = 100.0, 600.0
 T_END, DT, ELEMENTS = 2.0, 0.01, 8
@@ -141,7 +141,7 @@ def times_by_part(number, elements):
     return np.array(rows[1:])
 
 
-TIMED = (motion_series, "prepare"), (CompiledLoop, "_steps")
+TIMED = (dynamics, "prepare"), (CompiledLoop, "_steps")
 
 
 def held_iterations(number):

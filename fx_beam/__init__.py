@@ -26,7 +26,7 @@ __all__ = [name for name in _HOMES if name not in ("materials", "plot")]
 
 
 def __getattr__(name: str):
-    from .other_names import answering_keywords, hint
+    from .errors import answering_keywords, hint
 
     if name not in _HOMES:
         more = "" if name.startswith("_") else hint(__name__, name, __all__)

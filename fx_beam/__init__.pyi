@@ -2,15 +2,20 @@
 # which reads this file.
 
 from . import materials as materials, plot as plot
-from .derivatives.harmonic_response import HarmonicResponse as HarmonicResponse
 from .derivatives.influence import InfluenceLines as InfluenceLines, influence as influence
-from .derivatives.modal_response import ModalResponse as ModalResponse
 from .derivatives.periodic_response import PeriodicResponse as PeriodicResponse
 from .derivatives.response import Response as Response
 from .derivatives.static_response import StaticResponse as StaticResponse
-from .equilibria.branches import Branch as Branch, imperfect as imperfect
+from .derivatives.vibration_response import (
+    HarmonicResponse as HarmonicResponse,
+    ModalResponse as ModalResponse,
+)
 from .equilibria.buckling import buckling as buckling
-from .equilibria.critical_points import CriticalPoint as CriticalPoint
+from .equilibria.critical_points import (
+    Branch as Branch,
+    CriticalPoint as CriticalPoint,
+    imperfect as imperfect,
+)
 from .equilibria.statics import static as static
 from .errors import Failure as Failure, SceneError as SceneError, StepError as StepError
 from .laws.kinematics import Step as Step
@@ -42,7 +47,6 @@ from .orbits.periodic_search import (
     forced_response as forced_response,
     periodic as periodic,
 )
-from .results.buckling_modes import BucklingModes as BucklingModes
 from .results.envelopes import (
     BeamEnvelope as BeamEnvelope,
     Envelope as Envelope,
@@ -54,17 +58,22 @@ from .results.joint_and_contact_motion import (
     JointMotion as JointMotion,
     PullMotion as PullMotion,
 )
-from .results.records import BeamResultants as BeamResultants, Energy as Energy, Stats as Stats
+from .results.records import (
+    BeamResultants as BeamResultants,
+    BeamStress as BeamStress,
+    Energy as Energy,
+    Stats as Stats,
+)
 from .results.saved import load as load
 from .results.solution import Solution as Solution
-from .results.spectra import SpectrumResponse as SpectrumResponse
-from .results.stresses import BeamStress as BeamStress
 from .results.vibrations import (
+    BucklingModes as BucklingModes,
     FrequencyResponse as FrequencyResponse,
     Modes as Modes,
     Participation as Participation,
     PeriodicFamily as PeriodicFamily,
     PeriodicMotion as PeriodicMotion,
+    SpectrumResponse as SpectrumResponse,
 )
 from .scene.beam import Beam as Beam, BeamPlace as BeamPlace, Node as Node
 from .scene.body import Body as Body
@@ -79,14 +88,15 @@ from .scene.coordinate import (
     Stop as Stop,
 )
 from .scene.curve import Curve as Curve, arc as arc, spline as spline
-from .scene.forces_between import ForceBetween as ForceBetween
-from .scene.gears import Gear as Gear, Rack as Rack
-from .scene.ground_springs import (
+from .scene.forces_between import (
     Bed as Bed,
+    ForceBetween as ForceBetween,
     GroundSpring as GroundSpring,
     GroundSprings as GroundSprings,
+    Pulley as Pulley,
 )
-from .scene.inputs import Input as Input
+from .scene.functions import Input as Input
+from .scene.gears import Gear as Gear, Rack as Rack
 from .scene.joints import (
     GROUND as GROUND,
     Joint as Joint,
@@ -96,14 +106,12 @@ from .scene.joints import (
     Rigid as Rigid,
 )
 from .scene.law import InternalVariables as InternalVariables, Law as Law
-from .scene.loads import thermal as thermal
+from .scene.loads import Shaking as Shaking, thermal as thermal
 from .scene.outputs import Output as Output
-from .scene.pulleys import Pulley as Pulley
 from .scene.scene import Scene as Scene
 from .scene.section import Section as Section
-from .scene.shaking import Shaking as Shaking
 from .scene.sliders import Sleeve as Sleeve, Slider as Slider
-from .scene.symbols import Parameter as Parameter
+from .scene.ufl_symbols import Parameter as Parameter
 from .step.newton import NewtonOptions as NewtonOptions
 from .step.recorder import Record as Record
 from .sweeps.convergence import Converged as Converged, converge as converge

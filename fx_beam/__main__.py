@@ -13,7 +13,7 @@ from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
 
-from fx_beam import c_library, compiler, library_cache
+from fx_beam import c_library, library_cache
 from fx_beam.errors import SceneError
 from fx_beam.step import build
 from fx_beam.sweeps import usual_kinds
@@ -72,7 +72,7 @@ def _loop() -> str:
 
 def _compiler() -> str:
     try:
-        command = compiler.command()
+        command = c_library.command()
     except RuntimeError as error:
         return f"not available: {error}"
     version = subprocess.getoutput(shlex.join([*command, "--version"])).partition("\n")[0]

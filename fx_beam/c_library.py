@@ -1,4 +1,4 @@
-"""C files compiled once for each type of processor, kept in a cache; members of their structs."""
+"""C files compiled once for each type of processor: the compiler, the libraries, and structs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ import math
 import os
 import platform
 import re
+import shlex
+import shutil
+import struct
 import subprocess
+import sys
 import tempfile
 import threading
 import weakref
@@ -21,11 +25,130 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from fx_beam import compiler, library_cache
+from fx_beam import library_cache
 from fx_beam.errors import SceneError
 
 if TYPE_CHECKING:
     from _cffi_backend import FFI, Lib
+
+
+# -- The C compiler: its command, which one it is, and where it runs ----------------------------
+
+
+# Environment variables that change what is included, linked or written: they are left out.
+_LEFT_OUT = {
+    *("CPATH", "C_INCLUDE_PATH", "GCC_EXEC_PREFIX", "COMPILER_PATH", "LIBRARY_PATH", "LD_RUN_PATH"),
+    *("CCC_OVERRIDE_OPTIONS", "QA_OVERRIDE_GCC3_OPTIONS"),  # of clang
+    *("DEPENDENCIES_OUTPUT", "SUNPRO_DEPENDENCIES"),
+}
+_DEFAULT = "cc"
+
+
+def command() -> list[str]:
+    """Program of the compiler, with its path if it is found, and the arguments of the command.
+
+    RuntimeError if the environment variable CC is no command.
+    """
+    text = os.environ.get("CC", "")
+    try:
+        program, *arguments = shlex.split(text) or [_DEFAULT]
+    except ValueError as error:
+        raise RuntimeError(
+            f"the environment variable CC = {text!r} is no command: {error}. Give the C compiler "
+            "and its options, such as CC='gcc -B/opt/tools'"
+        ) from None
+    place = shutil.which(program, path=os.pathsep.join(_folders()))
+    return [os.path.abspath(place) if place else program, *arguments]
+
+
+def check() -> None:
+    """RuntimeError without a C compiler."""
+    program = command()[0]
+    if not (os.path.isabs(program) and os.access(program, os.X_OK)):
+        raise RuntimeError(
+            f"there is no C compiler {program!r}, by which each new kind of scene is compiled. "
+            "Install one, on Debian by apt-get install gcc libc6-dev, or name another in the "
+            "environment variable CC"
+        )
+
+
+def identity() -> str:
+    """Text that tells compilers and their versions apart, found once, without a start.
+
+    Any of its words may be a program that starts another of its name, or the default: of each,
+    all that are on the path count, by their place, size and time.
+    """
+    return _facts(tuple(command()), _folders()).identity
+
+
+def is_clang() -> bool:
+    """Whether it is clang, by its name or that of its file, without a start."""
+    return sys.platform == "darwin" or _facts(tuple(command()), _folders()).is_clang
+
+
+class _Facts(NamedTuple):
+    identity: str
+    is_clang: bool
+
+
+@functools.cache
+def _facts(words: tuple[str, ...], folders: tuple[str, ...]) -> _Facts:
+    names = {*words, os.path.basename(words[0]), _DEFAULT}
+    files = {os.path.realpath(os.path.join(f, name)) for f in folders for name in names}
+    status = [(file, os.stat(file)) for file in sorted(files) if os.path.isfile(file)]
+    identity = repr((words, [(file, stat.st_size, stat.st_mtime_ns) for file, stat in status]))
+    programs = *words, os.path.realpath(words[0])
+    return _Facts(identity, any("clang" in os.path.basename(path) for path in programs))
+
+
+def run(arguments: Sequence[str], source: str, folder: Path) -> None:
+    """Compile a source in a folder, where it also has its temporary files.
+
+    subprocess.CalledProcessError, with what it said, if it fails.
+    """
+    variables = {name: value for name, value in os.environ.items() if name not in _LEFT_OUT}
+    subprocess.run(
+        [*command(), *arguments],
+        check=True,
+        input=source,
+        capture_output=True,
+        cwd=folder,
+        # In English, as a line with "error:" is looked for.
+        env=variables | {"LC_ALL": "C", "TMPDIR": str(folder)},
+        text=True,
+        # As paths, which may be in the source.
+        encoding=sys.getfilesystemencoding(),
+        errors="surrogateescape",
+    )
+
+
+def check_whole(library: Path) -> None:
+    """OSError for a library (ELF, of 64 bits) that ends before what is mapped of it.
+
+    A process that loads it would be killed.
+    """
+    content = library.read_bytes()
+    if content[:5] != b"\x7fELF\2" or len(content) < 64:
+        return  # the loader refuses what it cannot read
+    order = "<" if content[5] == 1 else ">"
+    (table,) = struct.unpack_from(f"{order}Q", content, 32)
+    size, count = struct.unpack_from(f"{order}2H", content, 54)
+    for k in range(count):
+        place = table + k * size
+        if place + size <= len(content):
+            offset, _, _, mapped = struct.unpack_from(f"{order}4Q", content, place + 8)
+            if offset + mapped <= len(content):
+                continue
+        raise OSError(f"{library.name} is incomplete: it has only {len(content)} bytes")
+
+
+def _folders() -> tuple[str, ...]:
+    """Folders in which programs are looked for: none that is relative to the current one."""
+    return tuple(filter(os.path.isabs, os.get_exec_path()))
+
+
+# -- C files compiled once for each type of processor, kept in a cache; members of their structs
+
 
 T = TypeVar("T")
 
@@ -219,7 +342,7 @@ def load(
     # Libraries for "native" are valid only for processors with the same features.
     headers, processor = compiled((_origin,), _origin)
     machine = [processor] if target == "native" else []
-    parts = [key, headers, *flags, *machine, compiler.identity()]
+    parts = [key, headers, *flags, *machine, identity()]
     digest = hashlib.sha256("\n".join(parts).encode("utf-8", "surrogateescape"))
     name = f"{digest.hexdigest()[:32]}.so"
 
@@ -227,8 +350,8 @@ def load(
         _log.info("compiling %s, once", title)
         headers = "-iquote", str(SOURCES)
         arguments = [*flags, *headers, "-x", "c", "-", "-o", str(folder / name), "-lm"]
-        compiler.run(arguments, source(), folder)
-        compiler.check_whole(folder / name)
+        run(arguments, source(), folder)
+        check_whole(folder / name)
         return loader(folder / name)
 
     try:
@@ -268,13 +391,13 @@ def functions_of(
 def target_flags() -> tuple[str, list[str]]:
     """Target processor, empty for the compiler's default, and all compiler flags."""
     target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
-    flags = [*_FLAGS, *(_CLANG_FLAGS if compiler.is_clang() else _GCC_FLAGS)]
+    flags = [*_FLAGS, *(_CLANG_FLAGS if is_clang() else _GCC_FLAGS)]
     return target, [*flags, f"{_OPTION or '-march'}={target}"] if target else flags
 
 
 def _known_flags(flags: Sequence[str]) -> Sequence[str]:
     """The flags that the compiler knows. Clang optimises no single functions: it does all."""
-    if not compiler.is_clang():
+    if not is_clang():
         return flags
     return ["-O2" if flag == "-O1" else flag for flag in flags if flag != WHOLE_PROGRAM]
 
@@ -285,7 +408,7 @@ def _check_target(target: str, flags: list[str]) -> None:
         return
     try:
         with tempfile.TemporaryDirectory() as folder:
-            compiler.run([*flags, "-x", "c", "-", "-o", "empty"], "", Path(folder))
+            run([*flags, "-x", "c", "-", "-o", "empty"], "", Path(folder))
     except subprocess.CalledProcessError:
         raise SceneError(
             f"FX_BEAM_MARCH = {target!r} is not known to the compiler. Give a value of its option "

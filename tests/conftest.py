@@ -20,7 +20,7 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
 
 from fx_beam import c_library, errors, library_cache  # noqa: E402
 from fx_beam.step import program  # noqa: E402
-from fx_beam.step.loop import CompiledLoop  # noqa: E402
+from fx_beam.step.stepper import CompiledLoop  # noqa: E402
 
 # Pictures without a display, as `./run` has it.
 os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")

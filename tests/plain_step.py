@@ -12,12 +12,11 @@ import numpy as np
 
 import fx_beam as fb
 from fx_beam.laws.interval import Interval
-from fx_beam.motions.options import Options
-from fx_beam.motions.prepared import prepare
+from fx_beam.motions.motion_setup import Options, prepare
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.sliders import SlidingJoint
 from fx_beam.step.recorder import Record, Recorder
-from fx_beam.step.state_values import start_of
+from fx_beam.step.state_vector import start_of
 
 GAP = 1e-12  # largest that a step opens [m, rad]
 SHORT = 1e-6  # part of an element on which the quotient of weights is their slope
@@ -157,7 +156,7 @@ class PlainStep:
         return gap, [(dofs, f[: len(dofs)], s) for f, s in zip(force, (*axis, 0.0), strict=True)]
 
     def on_beam(self, joint):
-        """Gap and forces of a node on a beam (fx_beam/coupling/sliders.py)."""
+        """Gap and forces of a node on a beam (fx_beam/coupling/dependent_columns.py)."""
         path, model = joint.path, self.model
         nodes = model.mesh.dofs[model.mesh.nodes_of(model.scene, joint.beam)]
         Ds = self.Dd[joint.number]

@@ -8,7 +8,7 @@ from functools import partial
 import scenes
 
 import fx_beam as fb
-from fx_beam.step.threads import thread_count
+from fx_beam.step.tangent_storage import thread_count
 
 
 def fate(case):

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fx_beam.results.files import in_table, named, of_numpy, replacing
+from fx_beam.results.export import in_table, named, of_numpy, replacing
 
 _VERSIONS = {"FFCx": "fenics-ffcx", "numpy": "numpy", "fx_beam": "fx-beam"}
 # How strict JSON has numbers that are not finite.

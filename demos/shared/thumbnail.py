@@ -7,11 +7,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
 from PIL import Image
 
-from fx_beam.plot.drawing import Drawing
+from fx_beam.plot.drawing import Drawing, Plane
 from fx_beam.plot.look import ACTS, MEMBERS, THEMES, Pen, mixed
-from fx_beam.plot.members import draw_members
-from fx_beam.plot.sheet import Plane
-from fx_beam.plot.symbols import draw_held, draw_moving
+from fx_beam.plot.symbols import draw_held, draw_members, draw_moving
 
 #: Width and height [pixels].
 PIXELS = 640, 360

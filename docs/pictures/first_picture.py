@@ -13,11 +13,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 import fx_beam as fb
-from fx_beam.plot.drawing import Drawing
+from fx_beam.plot.drawing import Drawing, Picture
 from fx_beam.plot.look import ACTS, MEMBERS, THEMES, Pen, mixed
-from fx_beam.plot.members import draw_members
-from fx_beam.plot.sheet import Picture
-from fx_beam.plot.symbols import draw_held, draw_moving
+from fx_beam.plot.symbols import draw_held, draw_members, draw_moving
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parents[1] / "demos"))

@@ -12,12 +12,10 @@ import numpy as np
 from PIL import Image
 
 import fx_beam as fb
-from fx_beam.plot.drawing import Drawing
+from fx_beam.plot.drawing import Drawing, Picture
 from fx_beam.plot.look import ACTS, THEMES, Pen
-from fx_beam.plot.members import draw_members
 from fx_beam.plot.scene_drawing import Reference
-from fx_beam.plot.sheet import Picture
-from fx_beam.plot.symbols import draw_held, draw_moving
+from fx_beam.plot.symbols import draw_held, draw_members, draw_moving
 
 HERE = Path(__file__).resolve().parent
 COLUMNS, CELL, CAPTION = (

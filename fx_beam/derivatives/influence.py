@@ -11,7 +11,7 @@ import numpy as np
 from fx_beam.dual import floats
 from fx_beam.equilibria.statics import static
 from fx_beam.errors import SceneError, real_array, require, vector
-from fx_beam.motions.options import check_scene
+from fx_beam.motions.motion_setup import check_scene
 from fx_beam.scene.beam import Beam, BeamPlace
 from fx_beam.scene.outputs import Output, check_linear, is_section_force
 from fx_beam.scene.scene import Scene

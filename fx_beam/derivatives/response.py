@@ -1,12 +1,12 @@
-"""A motion as a function of parameters: a scene is built for each, and only its data are set."""
+"""A motion as a function of parameters, with derivatives, costs and misfits."""
 
 from __future__ import annotations
 
 import functools
 import itertools
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,33 +18,228 @@ from fx_beam.errors import (
     is_one_of,
     is_whole,
     positive,
+    real_array,
     require,
     shown,
 )
 from fx_beam.laws.schemes import Scheme
-from fx_beam.motions.options import Options
+from fx_beam.motions.motion_setup import Options
 from fx_beam.results.solution import Solution
-from fx_beam.scene.measured import Measured
-from fx_beam.scene.outputs import Output, check_differentiable, check_output
+from fx_beam.scene.coordinate import SmoothFriction
+from fx_beam.scene.outputs import Measured, Output, Read, check_differentiable, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.interrupts import Threads
+from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
-from fx_beam.step.tape import LIMIT, Part
+from fx_beam.step.tape import LIMIT, Part, Tape
 from fx_beam.step.tape_derivatives import Weights
 
-from .analysis import Analysis
-from .built_scenes import refuse_others
-from .gradient import along
-from .motion_analysis import MotionAnalysis
-from .objectives import Cost, Misfit, Objective
-from .observation import Observation, Outputs, check_outputs, read_entries, summed
-from .output_values import Wanted, is_at_node
-from .parametrised import ParameterFunction, Parametrised, one_call
-from .short_reversals import warn_of_short_reversals
-from .static_derivatives import why_no_sums
+from .analysis import Analysis, MotionAnalysis, why_no_sums
+from .observation import (
+    Observation,
+    Outputs,
+    Wanted,
+    check_outputs,
+    is_at_node,
+    read_entries,
+    summed,
+)
+from .parametrised import ParameterFunction, Parametrised, along, one_call, refuse_others
+
+# -- Costs and misfits as functions of parameters, with derivatives, for optimisers -------------
+
+
+#: ``function(t, y)`` gives a value, and its derivatives by outputs, by name.
+Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, np.ndarray]]]
+
+
+class _Run(Protocol):
+    def __call__(self, x: ArrayLike) -> tuple[np.ndarray, dict[str, np.ndarray]]: ...
+    def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray: ...
+    def jacobian(self, *names: str) -> dict[str, np.ndarray]: ...
+
+
+class Objective:
+    """A number of a whole motion, and its derivatives by x."""
+
+    def __init__(self, run: _Run, function: Cost):
+        check_takes(function, "t, y", "objective: function")
+        self._run, self._function = run, function
+
+    def __call__(self, x: ArrayLike) -> tuple[float, np.ndarray]:
+        """The value, and its derivatives (m,) by x."""
+        result = self._function(*self._run(x))
+        ok = isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], Mapping)
+        if not ok or real_array(result[0]).shape:
+            raise SceneError(
+                "objective: function(t, y) must give a number and its derivatives by outputs, a "
+                f"dict of arrays by names, not {shown(result)}"
+            )
+        return float(result[0]), self._run.vjp(result[1])
+
+
+def _measured(rows: ArrayLike, name: str) -> np.ndarray:
+    if isinstance(rows, np.ma.MaskedArray):
+        rows = np.ma.filled(rows.astype(float), np.nan)
+    values = array_of(rows, name)
+    require(not np.isinf(values).any(), name, rows, "finite, or NaN where nothing was measured")
+    return values
+
+
+def _scatter(scatter: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarray:
+    values = array_of(scatter, name)
+    require(bool((np.isfinite(values) & (values > 0)).all()), name, scatter, "positive")
+    try:
+        return np.broadcast_to(values, shape)
+    except ValueError:
+        raise SceneError(
+            f"{name} has the shape {values.shape}, which does not fit {shape}"
+        ) from None
+
+
+class Misfit:
+    """Outputs less what was measured, over the scatter of this, as one vector."""
+
+    def __init__(
+        self,
+        run: _Run,
+        last_x: Callable[[], np.ndarray],
+        measured: Mapping[str, ArrayLike],
+        scatter: ArrayLike | Mapping[str, ArrayLike],
+    ):
+        subject = "misfit: measured"
+        ok = isinstance(measured, Mapping) and len(measured) > 0
+        require(ok, subject, measured, "a dict of arrays by names of outputs")
+        self._run, self._last_x = run, last_x
+        pairs = measured.items()
+        self._measured = {name: _measured(rows, f"{subject}[{name!r}]") for name, rows in pairs}
+        scatters = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
+        same_names = scatters.keys() == measured.keys()
+        require(same_names, "misfit: scatter", scatter, f"a number, or for each of {[*measured]}")
+        self._scatter = {
+            name: _scatter(scatters[name], rows.shape, f"misfit: scatter of {name!r}")
+            for name, rows in self._measured.items()
+        }
+
+    def __call__(self, x: ArrayLike) -> np.ndarray:
+        """Deviations (n,); zero where nothing was measured, which is NaN."""
+        (_, y), parts = self._run(x), list[np.ndarray]()
+        self._check_shapes(y)
+        for name, rows in self._measured.items():
+            deviations = (y[name] - rows) / self._scatter[name]
+            parts.append(np.where(np.isnan(rows), 0.0, deviations).ravel())
+        return np.concatenate(parts)
+
+    def jacobian(self, x: ArrayLike) -> np.ndarray:
+        """Derivatives (n, m) of deviations by x; without a motion if the last one was that of x."""
+        if not np.array_equal(self._last_x(), x):
+            self(x)
+        J, parts = self._run.jacobian(*self._measured), []
+        self._check_shapes({name: slopes[..., 0] for name, slopes in J.items()})
+        for name, rows in self._measured.items():
+            scaled = J[name] * np.where(np.isnan(rows), 0.0, 1 / self._scatter[name])[..., None]
+            parts.append(scaled.reshape(-1, scaled.shape[-1]))
+        return np.concatenate(parts)
+
+    def _check_shapes(self, y: Mapping[str, np.ndarray]) -> None:
+        """SceneError if outputs have other names or shapes than what was measured."""
+        for name, rows in self._measured.items():
+            require(name in y, "misfit: measured", [*self._measured], f"names of {[*y]}")
+            ok = rows.shape == y[name].shape
+            require(ok, f"misfit: measured[{name!r}]", rows.shape, f"of shape {y[name].shape}")
+
+
+# -- Warning of friction whose rate reverses in too few steps, which their derivatives do not see
+
 
 _log = logging.getLogger("fx_beam")
+# Steps with a smaller rate than this part of the speed that derivatives need.
+_NEEDED, _SMALL = 3, 2.0
+# Configurations that are looked at together.
+_AT_ONCE = 2**12
+
+
+def warn_of_short_reversals(model: Model, tape: Tape) -> bool:
+    """Warn of the first reversal of smooth friction in too few steps; whether there is one.
+
+    Friction that sticks knows the times of its reversals (step/tape_derivatives.py).
+    """
+    first = min(_first_reversals(model, tape), default=None)
+    if first is None:
+        return False
+    step, slow_steps, owner, speed = first
+    _log.warning(
+        "Response: SmoothFriction of %s: at t = %.6g its rate reverses with %d steps below %g "
+        "times its speed %g. Derivatives behind are those of these steps and depend on where they "
+        "fall, by up to their own size, if there are less than %d. Take shorter steps, a larger "
+        "speed, or Coulomb friction, whose derivatives know the times of reversals",
+        *(owner, tape.times.ends[step], slow_steps, _SMALL, speed, _NEEDED),
+    )
+    return True
+
+
+def _first_reversals(model: Model, tape: Tape) -> Iterator[tuple[int, int, str, float]]:
+    """For each friction: last step before a reversal, number of slow steps, name, and speed."""
+    frictions, X = [*_frictions(model.scene)], model.mesh.X.reshape(-1)
+    present, lengths = tape.present, tape.times.lengths
+    if model.scheme.rates.at_rest or not (frictions and tape.is_whole and len(lengths)):
+        return
+    paths = []
+    for first in range(present.first, present.end, _AT_ONCE):
+        rows = np.arange(first, min(first + _AT_ONCE, present.end) + 1)
+        states = tape.states(rows, "q", "slides")
+
+        def read(array: str, entries: np.ndarray, states: dict = states) -> np.ndarray:
+            return X[entries] if array == "X" else states[array][:, entries]
+
+        coordinates = [friction.coordinate(read) for friction in frictions]
+        paths.append(np.diff(coordinates, axis=1))
+    rates = np.concatenate(paths, axis=1) / lengths
+    for friction, rate in zip(frictions, rates, strict=True):
+        fast = np.flatnonzero(abs(rate) > _SMALL * friction.speed)
+        a, b = fast[:-1], fast[1:]
+        short = (rate[a] * rate[b] < 0) & (b - a <= _NEEDED)
+        for i in np.flatnonzero(short)[:1]:
+            yield int(a[i]), int(b[i] - a[i] - 1), friction.owner, friction.speed
+
+
+class _Friction(NamedTuple):
+    """Friction with the smooth sign of a rate: below the speed it is viscous."""
+
+    #: What of the scene it belongs to, as text.
+    owner: str
+    speed: float
+    #: Its coordinate, as a sum of outputs with weights.
+    terms: list[tuple[float, Measured]]
+
+    def coordinate(self, read: Read) -> np.ndarray:
+        """Values (n,) of the coordinate in n states."""
+        return sum(weight * measured.values(read) for weight, measured in self.terms)
+
+
+def _frictions(scene: Scene) -> Iterator[_Friction]:
+    """All friction with the smooth sign of a rate."""
+    quantities = {"slide": "slide", "rotation": "angle"}
+    for joint in scene.joints:
+        for name, coordinate in joint.coordinates.items():
+            if isinstance(friction := coordinate.friction, SmoothFriction):
+                terms = [(1.0, Measured(Output(quantities[name], joint)))]
+                yield _Friction(f"joint {joint.number} {name}", float(friction.speed), terms)
+    for gear in scene.gears:
+        if isinstance(friction := gear.friction, SmoothFriction):
+            outputs = [(term, Output(quantities[term.name], term.joint)) for term in gear.terms]
+            terms = [(float(term.weight), Measured(output)) for term, output in outputs]
+            yield _Friction(str(gear), float(friction.speed), terms)
+    for line in scene.forces_between:
+        if isinstance(friction := line.on.friction, SmoothFriction):
+            terms = [(1.0, Measured(Output("length", line)))]
+            yield _Friction(str(line), float(friction.speed), terms)
+
+
+# -- A motion as a function of parameters: a scene is built for each, and only its data are set -
+
+
 # Growth of derivatives towards the start above which they say little about the motion.
 _USEFUL_GROWTH = 1e6
 _CHAOTIC = (

@@ -12,18 +12,15 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from fx_beam.errors import SceneError, is_whole, require
 from fx_beam.motions.initial_state import end_of
-from fx_beam.results.buckling_modes import BucklingModes
 from fx_beam.results.solution import Solution
-from fx_beam.results.vibrations import modes_of
+from fx_beam.results.vibrations import BucklingModes, modes_of
 from fx_beam.scene.scene import Scene
+from fx_beam.step.constrained_matrix import warn_of_rounding
 from fx_beam.step.model import Model
-from fx_beam.step.rounding import warn_of_rounding
 from fx_beam.step.sparse_lu import LU
 
-from .geometric_stiffness import check_forces, geometric_stiffness
-from .load_steps import LoadStepper
-from .small_loads import SmallLoads
-from .static_options import StaticOptions
+from .load_steps import LoadStepper, StaticOptions
+from .small_loads import SmallLoads, check_forces, geometric_stiffness
 from .statics import LoadPath
 
 _log = logging.getLogger("fx_beam")

@@ -1,26 +1,166 @@
-"""Load steps: equilibria at rising load factors, with a check that they are on the path."""
+"""Load steps: equilibria at rising load factors, and the corners of their path."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from fx_beam.errors import StepError, flag, is_one_of, real, vector, whole
 from fx_beam.laws.interval import Interval
 from fx_beam.motions.contact_check import goes_through
+from fx_beam.motions.motion_setup import CommonOptions
 from fx_beam.results.records import Stats
 from fx_beam.results.state import State
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.load_loop import LoadLoop, StepSolution
 from fx_beam.step.model import Model
+from fx_beam.step.recorded_rows import RowSteps
+from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.sparse_lu import pivoted_lu
-from fx_beam.step.step_failures import StepFailed
+from fx_beam.step.step_control import MOST_HALVINGS
+from fx_beam.step.stepper import LoadLoop, StepFailed, StepSolution
 
-from .corners import has_corner
-from .path_energy import PathEnergy
-from .path_equations import PathEquations
-from .small_motions import SmallMotions
-from .static_options import StaticOptions
+from .path_equations import PathEquations, SmallMotions, Tangent
+
+# -- Options of paths of equilibria -------------------------------------------------------------
+
+
+# Largest number of load steps.
+_MOST_STEPS = 10_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticOptions(CommonOptions):
+    """Options of `static`; SceneError for all that can be refused without a scene."""
+
+    what: str = "static"
+    load_steps: int = whole(1, _MOST_STEPS, default=10)
+    t: float = real(default=0.0)
+    continuation: str | None = None
+    max_cuts: int = whole(0, MOST_HALVINGS, default=8)
+    max_steps: int = whole(1, _MOST_STEPS, default=1000)
+    spin: float = real(default=0.0)
+    pivot: Sequence[float] = (0.0, 0.0)
+    branches: int = whole(0, 10, default=0)
+    stop_at: str | None = None
+    linear: bool = flag(default=False)
+
+    def __post_init__(self):
+        super().__post_init__()
+        is_arc = is_one_of(self.continuation, ("arc-length",))
+        self._require("continuation", self.continuation is None or is_arc, '"arc-length" or None')
+        stops = self.continuation is not None and is_one_of(self.stop_at, ("limit point",))
+        expected = '"limit point", with continuation="arc-length", or None'
+        self._require("stop_at", self.stop_at is None or stops, expected)
+        vector(self.pivot, 2, "static: pivot")
+
+
+# -- Energies of the states of a path, and what the loads do between them -----------------------
+
+
+class PathEnergy:
+    """Energies and member forces of states, and work in the steps between them [J]."""
+
+    def __init__(self, loop: LoadLoop):
+        self._loop, self._model = loop, loop.model
+
+    def work_and_gain(self, old: State, new: State, D: np.ndarray) -> tuple[float, float, float]:
+        """Work of the loads in a step, energy that the scene gains, and round-off of both."""
+        model = self._model
+        weight = 0.0 if model.masses.weight is None else float(model.masses.weight @ D)
+        start, end = self.energy(old), self.energy(new)
+        # Natural strains do work on forces whose rounding errors are those of places, not strains.
+        sizes = abs(old.q) + abs(D) + model.units.nodes * bool(model.data.natural)
+        rounding = 1e-14 * self._loop.change_of_sizes(D, sizes)
+        rounding += 1e-12 * (max(abs(start), abs(end)) + abs(new.work) + abs(weight))
+        return new.work - old.work + weight, end - start, rounding
+
+    def energy(self, state: State) -> float:
+        """Stored and dissipated energy of a state."""
+        model = self._model
+        stored = model.forms.strain_energy(state.q, state.internal, state.natural)
+        springs = model.forms.compiled_points.energy(state.q, state.slides, state.spring_internal)
+        return stored + springs + state.dissipated
+
+    def largest_force(self, state: State) -> float:
+        """The largest force in a member, times the size of the scene, or couple."""
+        beams, recorder = self._model.forms.beams, Recorder(self._model, np.zeros(1), Record())
+        if beams is None:
+            return 0.0
+        self._loop.record(state, recorder)
+        with self._model.lock:
+            N, Q, M = np.moveaxis(abs(beams.resultants(RowSteps(recorder).batch())), -1, 0)
+        return float(max(self._model.mesh.size * max(N.max(), Q.max()), M.max()))
+
+
+# -- Corners of a path: where plastic flow starts, a contact closes or a law of springs has a kink
+# A step round a corner consists of a part along the tangent before it and one along that behind
+# it.
+
+
+# Largest part of an increment beside the two tangents of a corner.
+_BESIDE = 0.1
+# Largest deviation of half of the path behind a corner from its tangent.
+_BENT = 0.1
+
+
+class Corner(NamedTuple):
+    """Lengths of a step along the tangents before and behind a corner."""
+
+    first: float
+    last: float
+
+
+def corner_in(
+    path: PathEquations, D: np.ndarray, load: float, first: Tangent, last: Tangent
+) -> Corner | None:
+    """The corner round which an increment (D, l) goes; None if it is not a sum of two tangents.
+
+    Only paths of scenes in which forces may have kinks have corners.
+    """
+    if not path.model.kinks.any:
+        return None
+    # Imported here: most paths have no corner, and the import takes time.
+    from scipy.optimize import nnls
+
+    root = np.append(np.sqrt(path.weight), 1.0)
+    tangents = np.column_stack([root * np.append(t.D, t.load) for t in (first, last)])
+    step = root * np.append(D, load)
+    lengths, _ = nnls(tangents, step)
+    rest = step - tangents @ lengths
+    # Displacements alone as well: those of stiff scenes are small beside the load factor.
+    fits = (np.linalg.norm(rest[:n]) <= _BESIDE * np.linalg.norm(step[:n]) for n in (-1, None))
+    return Corner(*lengths) if all(fits) else None
+
+
+def has_corner(path: PathEquations, old: State, new: State, step: StepSolution) -> bool:
+    """Whether the path has a corner in a load step, and is straight on both sides of it.
+
+    A step round the corner and half of the way behind it must be on the path as well, and the
+    determinant of the tangent must keep its sign.
+    """
+    load = new.t - old.t
+    if not (load and path.model.kinks.any):
+        return False
+    try:
+        path.set_start(old)
+        first, last = path.with_the_load(0 * step.y, 0.0), path.with_the_load(step.y, load)
+        corner = corner_in(path, step.D, load, first, last)
+        if corner is None or first.sense != last.sense:
+            return False
+        middle = old.t + corner.first * first.load + corner.last / 2 * last.load
+        D = path.loop.step(old, Interval(old.t, middle))[1].D
+    except StepFailed:
+        return False
+    half = corner.last / 2 * last.D
+    rest = D - corner.first * first.D - half
+    return path.is_still(rest) or path.size(rest) <= _BENT * path.size(half)
+
+
+# -- Load steps: equilibria at rising load factors, with a check that they are on the path ------
+
 
 # Largest deviation of a step from its predictor, relative to the predictor. Near a limit point the
 # load factor is a parabola of the displacements; a step that ends at the limit point has the
@@ -168,3 +308,80 @@ def check_circles(model: Model, old: State, new: State) -> None:
         if goes_through(obstacle, model.mesh.X, q, nodes):
             reason = f"a point jumps deep into the circle of {obstacle}, or through it"
             raise StepFailed("off the path", reason, new.q - old.q)
+
+
+# -- The equilibrium path of a scene up to its full load, by steps of the load factor -----------
+
+
+# The step is doubled at most at this number of corrections.
+_EASY_ITERATIONS = 10
+# Growth of the displacement per load, relative to the first step, that indicates a limit point.
+_SOFTENING = 4.0
+
+
+def raise_load(stepper: LoadStepper, states: list[State]) -> None:
+    """Append the states from the last one up to load factor 1; StepError after all cuts.
+
+    A step is halved if it fails, and doubled after an easy one; `load_steps` limits its length. One
+    that starts or ends at a bifurcation goes over it.
+    """
+    longest = stride = 2**stepper.options.max_cuts
+    # Load factors are multiples of 1/count.
+    count = stepper.options.load_steps * longest
+    place = round(states[-1].t * stepper.options.load_steps) * longest
+    while place < count:
+        end = place + min(stride, longest - place % longest)
+        goal = end / count
+        stepper.may_be_cut = stride > 1
+        stepper.hold_between(place / count, goal)
+        try:
+            states.append(stepper.step(states[-1], goal))
+        except StepFailed as failure:
+            if stride == 1:
+                place = min(end + 1, count)
+                if not _stepped_over(stepper, states, place / count):
+                    raise _error(stepper, states[-1], goal, failure) from failure
+                continue
+            stepper.stats.halvings += 1
+            stride //= 2
+            continue
+        place = end
+        easy = stepper.deviation <= EASY_DEVIATION and stepper.iterations <= _EASY_ITERATIONS
+        if easy and 2 * stride <= longest and place % (2 * stride) == 0:
+            stride *= 2
+
+
+def _stepped_over(stepper: LoadStepper, states: list[State], goal: float) -> bool:
+    """Whether a step from the last state but one to a goal replaces the last one.
+
+    A state at a bifurcation has no definite tangent from which to go on.
+    """
+    if len(states) < 2:
+        return False
+    stepper.hold_between(states[-2].t, goal)
+    try:
+        states[-2:] = states[-2], stepper.step(states[-2], goal)
+    except StepFailed:
+        return False
+    return True
+
+
+def _error(stepper: LoadStepper, state: State, goal: float, failure: StepFailed) -> StepError:
+    response, most = stepper.response, stepper.options.max_cuts
+    message = f"the step from load factor {state.t:.6g} to {goal:.6g} failed"
+    advice = (
+        'If the path has a limit point there, use continuation="arc-length". Otherwise try '
+        "more steps or cuts (max_cuts), and check the units of loads and stiffnesses"
+    )
+    if len(response) == 2 and response[1] > _SOFTENING * response[0]:
+        advice = (
+            f"The displacement per load is {response[1] / response[0]:.3g} times that of the first "
+            'step, which indicates a limit point. Use continuation="arc-length" to pass it'
+        )
+    if stepper.model.couplings.sliding:
+        advice += (
+            ". A node that slides on a slack cable moves far under a small load: find its place by "
+            "a simulation with dampers. Elements longer than sqrt(EI / N), with the axial force N, "
+            "hold it as friction would"
+        )
+    return stepper.loop.failures.error(message, most, state, failure, advice)

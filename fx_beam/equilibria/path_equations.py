@@ -1,31 +1,145 @@
-"""The equations of an equilibrium path, on which the load factor is one more unknown.
-
-With the residual R of the unknowns y at the load factor l, a tangent (y', l') of the path solves
-
-    dR/dy y' + dR/dl l' = 0,    and bordered by a row n:   n . (y', l') = 1.
-
-Bordered by the tangent itself, the determinant changes its sign at a bifurcation, but not at a
-limit point, nor at a corner: where a point begins to flow, dR/dy changes by a matrix of rank one
-along the normal of its yield surface, and this leaves the tangent's component across that surface.
-"""
+"""The equations of an equilibrium path, their bordered factors, and small motions about it."""
 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import LinearOperator, eigs
 
 from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import ARRAYS, NUMBERS, State
 from fx_beam.scene.beam import lagrange
+from fx_beam.step.constrained_matrix import ConstrainedMatrix, Symmetry, UndampedModes
 from fx_beam.step.equations import Residual
-from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.step_failures import StepFailed
+from fx_beam.step.sparse_lu import LU, Pattern, null_vectors, pivoted_lu
+from fx_beam.step.stepper import LoadLoop, StepFailed
 
-from .bordered_lu import BorderedLU
+# -- Factors of the equations of a path, bordered by a row and by the column of the load factor -
+# At a limit point the tangent K is singular. But K + b e e^T is not, where the unit vector e is
+# that of the unknown that moves most along the path. With its factors
+#
+#     [K + b e e^T  c  -b e] [x]   [f]
+#     [n^T          d    0 ] [l] = [g]
+#     [e^T          0   -1 ] [w]   [0]
+#
+# gives the solution x, l of the bordered system, and its determinant with the opposite sign.
+
+
+class BorderedLU:
+    """Factors of bordered matrices of one pattern, for unknowns of sizes `unit` (free,).
+
+    The pattern (n, n) may have auxiliary rows behind the unknowns, where right sides are zero;
+    `dependent` of `Reduction` says what follows from them.
+    """
+
+    def __init__(self, pattern: Pattern, unit: np.ndarray, dependent: np.ndarray | None = None):
+        indptr, indices = pattern
+        n, self._free, self._unit = len(indptr) - 1, len(unit), unit
+        self._matrix = csr_matrix((np.zeros(len(indices)), indices, indptr), (n, n))
+        rows = np.repeat(np.arange(n), np.diff(indptr))
+        #: Places of the diagonal of the unknowns.
+        self._diagonal = np.flatnonzero((rows == indices) & (rows < len(unit)))
+        if self._free:
+            self._lu = LU(pattern, dependent)
+        #: Sign of the determinant.
+        self.sign = 0.0
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values of the last K, in its pattern."""
+        return self._matrix.data
+
+    def factorise(
+        self, values: np.ndarray, column: np.ndarray, row: np.ndarray, corner: float
+    ) -> None:
+        """Factorise a matrix bordered by a column and a row (free,), and their corner."""
+        self._corner, self._regular = corner, True
+        if not self._free:
+            self.sign = float(np.sign(corner))
+            return
+        self._matrix.data = values
+        diagonal, n = values[self._diagonal], self._matrix.shape[0]
+        self._most = most = int(np.argmax(abs(row * self._unit)))
+        # The amount of this unknown is one of two numbers in a small system; its pivots are alike.
+        self._size = unit = self._unit[most]
+        largest = abs(diagonal * self._unit**2).max() / unit**2
+        # A negative one changes its sign: with its size alone it would vanish.
+        added = max(diagonal[most], -2 * diagonal[most]) or largest or 1.0
+        changed = values.copy()
+        changed[self._diagonal[most]] += added
+        self._regular = self._lu.factorise(changed)
+        if not self._regular:
+            self.sign = 0.0
+            return
+        self._column, self._row, change = np.zeros((3, n))
+        self._column[: self._free], self._row[: self._free] = column, row
+        change[most] = -added * unit
+        self._forced = np.array([self._lu.solve(self._column), self._lu.solve(change)])
+        rows = np.array([self._forced @ self._row, self._forced[:, most] / unit])
+        self._small = np.diag([corner, -1.0]) - rows
+        negative = self._lu.negative_pivots() % 2
+        self.sign = float(np.sign(np.linalg.det(self._small))) * (1 if negative else -1)
+
+    def negative_eigenvalues(self) -> int | None:
+        """Number of negative eigenvalues of the last K; None if it is singular.
+
+        K must be symmetric. An eigenvalue of K + b e e^T that K has below zero: det K is
+        det(K + b e e^T) (1 - e . (K + b e e^T)^-1 b e).
+        """
+        if not self._free:
+            return 0
+        if not self._regular:
+            return None
+        return self._lu.negative_pivots() + int(self._small[1, 1] > 0)
+
+    def solve(self, b: np.ndarray) -> tuple[np.ndarray, float]:
+        """Solution x (free,) and l for a right side b (free + 1,).
+
+        Not finite if the bordered matrix is singular.
+        """
+        if not self._free:
+            return b[:-1], b[-1] / self._corner
+        if not self._regular:
+            return np.full(self._free, np.nan), np.nan
+        right = np.zeros_like(self._column)
+        right[: self._free] = b[:-1]
+        x, load = self._once(right, b[-1])
+        # Again, for the rounding errors of an elimination without exchange of rows.
+        rest = right - self._matrix @ x - load * self._column
+        correction, load_correction = self._once(rest, b[-1] - self._row @ x - self._corner * load)
+        return (x + correction)[: self._free], load + load_correction
+
+    def _once(self, right: np.ndarray, last: float) -> tuple[np.ndarray, float]:
+        x = self._lu.solve(right)
+        rest = np.array([last - self._row @ x, -x[self._most] / self._size])
+        try:
+            parts = np.linalg.solve(self._small, rest)
+        except np.linalg.LinAlgError:
+            # At a bifurcation of a straight path the equations have solutions; the shortest one.
+            parts = np.linalg.lstsq(self._small, rest, rcond=None)[0]
+            if not np.allclose(self._small @ parts, rest, rtol=1e-12, atol=0.0):
+                parts = np.full(2, np.nan)
+        return x - parts @ self._forced, float(parts[0])
+
+
+# -- The equations of an equilibrium path, on which the load factor is one more unknown ---------
+# With the residual R of the unknowns y at the load factor l, a tangent (y', l') of the path
+# solves
+#
+#     dR/dy y' + dR/dl l' = 0,    and bordered by a row n:   n . (y', l') = 1.
+#
+# Bordered by the tangent itself, the determinant changes its sign at a bifurcation, but not at a
+# limit point, nor at a corner: where a point begins to flow, dR/dy changes by a matrix of rank
+# one along the normal of its yield surface, and this leaves the tangent's component across that
+# surface.
+
 
 # Change of the load factor by which derivatives are found as differences.
 _APART = 1e-5
@@ -211,3 +325,188 @@ def _with_diagonal(A: scipy.sparse.csr_matrix, count: int) -> scipy.sparse.csr_m
     entries, diagonal = A.tocoo(), np.arange(count)
     places = np.append(entries.row, diagonal), np.append(entries.col, diagonal)
     return scipy.sparse.csr_matrix((np.append(entries.data, np.zeros(count)), places), A.shape)
+
+
+# -- Stiffness of small motions about the equilibria of a path, and how many of them grow -------
+# Where all forces have a potential, Sylvester's inertia of the tangent counts them, from the
+# factors of the step. They belong to the last iteration of Newton's method, whose error is below
+# its tolerance.
+
+
+# Number of the lowest modes that may grow where forces follow the motion; with so few unknowns the
+# matrices are full.
+_LOWEST, _FULL = 12, 100
+# Change of a tangent that is singular, relative to its largest stiffness.
+_SHIFT = 1e-12
+# Part of a stiffness that is a rounding error.
+_ROUND_OFF = 1e-15
+# Part of a square of a frequency beside the real axis that is a rounding error.
+_BESIDE = 1e-6
+
+
+class Growing(NamedTuple):
+    """Numbers of modes that grow, vibrating and without vibrating."""
+
+    vibrating: int
+    diverging: int
+
+
+class SmallMotions:
+    """Small motions about equilibria of a model, reduced to the unknowns."""
+
+    def __init__(self, loop: LoadLoop):
+        self._loop, self.model = loop, loop.model
+        self._pattern: Pattern = np.empty(0), np.empty(0)
+
+    @property
+    def unit(self) -> np.ndarray:
+        """Sizes (n,) of unit unknowns."""
+        return self.model.units.unknowns[self.model.reduction.independent]
+
+    def stiffness(self, state: State) -> scipy.sparse.csr_matrix:
+        """The tangent (n, n) of an equilibrium without flow."""
+        return self.extended(state).matrix
+
+    def extended(self, state: State) -> ConstrainedMatrix:
+        """The tangent of an equilibrium, in long trees with auxiliary unknowns."""
+        self._loop.balance(state, state.t)
+        return self._loop.equations.extended()
+
+    def coupling(self) -> scipy.sparse.csr_matrix:
+        """T (size, n): motions of all nodes by the unknowns, in the last state."""
+        return self.model.reduction.maps.coupling()[:, self.model.reduction.independent]
+
+    def symmetric(self, K: scipy.sparse.csr_matrix) -> bool:
+        """Whether the forces of a state have a potential."""
+        return not K.nnz or self._symmetric((K.indptr, K.indices), K.data)
+
+    def _symmetric(self, pattern: Pattern, values: np.ndarray) -> bool:
+        if not all(map(np.array_equal, self._pattern, pattern)):
+            indptr, indices = self._pattern = pattern[0].copy(), pattern[1].copy()
+            sliding = bool(self.model.couplings.sliding)
+            self._symmetry = Symmetry(self._pattern, self.unit, sliding)
+        return self._symmetry.holds(values)
+
+    # -- Forces with a potential ------------------------------------------------------------------
+
+    def note(self, state: State, factors: LoadLoop | BorderedLU) -> None:
+        """Set the numbers of negative pivots and unstable modes by the factors of a step."""
+        model, reduction = self.model, self.model.reduction
+        # Auxiliary unknowns, loops, sliders and members that may touch make them those of another
+        # matrix than the tangent.
+        rows = model.couplings.unknown_count
+        if not rows == reduction.free == len(reduction.independent):
+            return
+        members = model.points.members
+        if model.couplings.sliding or (members is not None and members.are_near):
+            return
+        state.negative_pivots = factors.negative_eigenvalues()
+        if not model.kinks.potential:
+            if not self._symmetric(reduction.tangent.pattern, factors.values):
+                return
+        state.unstable_modes = state.negative_pivots
+
+    def count(self, state: State, old: State) -> int | None:
+        """Number of modes that grow about a state after an old one; None if it is not known."""
+        if state.unstable_modes is None and not self.model.kinks.flowed(old, state):
+            try:
+                state.unstable_modes = sum(self.growing(state))
+            except ValueError:
+                return None
+        return state.unstable_modes
+
+    def count_again(self, old: State, new: State) -> tuple[int | None, int | None]:
+        """Numbers of modes that grow before and after a step, whose pivots may be round-off."""
+        if not self.model.kinks.flowed(old, new):
+            for state in (old, new):
+                if state.unstable_modes:
+                    with suppress(ValueError):
+                        state.unstable_modes = sum(self.growing(state, tolerance=_ROUND_OFF))
+        return old.unstable_modes, new.unstable_modes
+
+    def growing(
+        self, state: State, K: scipy.sparse.csr_matrix | None = None, tolerance: float = 0.0
+    ) -> Growing:
+        """Modes that grow about a state; an eigenvalue of the tangent that is zero does not.
+
+        Symmetric tangents are those of stiffnesses that are larger by a `tolerance`.
+        """
+        extended = self.extended(state) if K is None else ConstrainedMatrix.plain(K)
+        if not (free := extended.free):
+            return Growing(0, 0)
+        A, sliding = extended.alone, bool(self.model.couplings.sliding)
+        if extended.is_plain or not Symmetry.of(A, extended.units(self.model), sliding):
+            if not self.symmetric(K := extended.matrix):
+                pairs, real_squares = pairs_and_others(self.squares(state, K))
+                return Growing(len(pairs), int((real_squares < 0).sum()))
+            extended = ConstrainedMatrix.plain(K)
+        system, metric = extended.system, self.unit**-2.0
+        metric = scipy.sparse.diags(np.append(metric, np.zeros(system.shape[0] - free)))
+        diagonal = abs(system.diagonal()[:free])
+        most = (diagonal * self.unit**2).max() or 1.0
+        if tolerance:
+            others = np.zeros(system.shape[0] - free)
+            system = (system + scipy.sparse.diags(np.append(tolerance * diagonal, others))).tocsr()
+        for shift in (0.0, _SHIFT * most):  # if a pivot, or an eigenvalue, is zero
+            shifted = (system + shift * metric).tocsr() if shift else system
+            shifted.sort_indices()
+            lu = extended.factors((shifted.indptr, shifted.indices))
+            if lu.factorise(shifted.data):
+                return Growing(0, extended.negative_eigenvalues(lu))
+        raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
+
+    def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """The n lowest eigenvalues of a tangent in unit unknowns, and vectors (unknowns, n)."""
+        symmetric = ConstrainedMatrix.plain(((K + K.T) / 2).tocsr())
+        metric = ConstrainedMatrix.plain(scipy.sparse.diags(self.unit**-2.0).tocsr())
+        modes = UndampedModes(symmetric, metric)
+        roots, _, vectors = modes.lowest(min(n, K.shape[0]))
+        return np.sign(roots) * roots**2, vectors
+
+    def vanishing(self, K: scipy.sparse.csr_matrix, multiplicity: int, unstable: int) -> np.ndarray:
+        """Vectors (unknowns, multiplicity) of eigenvalues next to zero, of so many `unstable`."""
+        values, vectors = self.lowest(K, unstable + 1)
+        return vectors[:, np.sort(np.argsort(abs(values))[:multiplicity])]
+
+    # -- Forces that follow the motion ------------------------------------------------------------
+
+    def _mass(self) -> scipy.sparse.csr_matrix:
+        """The mass (n, n), in the last state."""
+        T = self.coupling()
+        return (T.T @ self.model.masses.matrix @ T).tocsr()
+
+    def squares(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> np.ndarray:
+        """Squares of the angular frequencies of the lowest modes without damping, complex."""
+        K = self.stiffness(state) if K is None else K
+        M = self._mass()
+        if not M.data.any():
+            raise ValueError(
+                "unstable_modes: where forces follow the motion, stability depends on masses. Give "
+                "a section rhoA, or add masses"
+            )
+        inverse = pivoted_lu(K)
+        if K.shape[0] <= _FULL:
+            values = np.linalg.eigvals(inverse.solve(M.toarray()))
+        else:
+            compliance = LinearOperator(K.shape, lambda x: inverse.solve(M @ x), dtype=float)
+            start = np.ones(K.shape[0])
+            values = eigs(compliance, _LOWEST, v0=start, return_eigenvectors=False)
+        values = values[np.argsort(-abs(values), kind="stable")][:_LOWEST]
+        return 1 / values[abs(values) > 1e-12 * abs(values[0])].astype(complex)
+
+    def shapes(self, state: State, square: float, multiplicity: int) -> np.ndarray:
+        """Unit shapes (unknowns, multiplicity) of motions with the square of a frequency."""
+        unit, K = scipy.sparse.diags(self.unit), self.stiffness(state)
+        _, right = null_vectors(unit @ (K - square * self._mass()) @ unit, multiplicity)
+        return unit @ right
+
+
+def pairs_and_others(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Complex squares of frequencies, one of each pair, and real ones.
+
+    Pairs are vibrations that grow; the nearest to the real axis is first.
+    """
+    sines = squares.imag / abs(squares)
+    pairs = np.flatnonzero(sines > _BESIDE)
+    order = pairs[np.argsort(sines[pairs], kind="stable")]
+    return squares[order], squares.real[abs(sines) <= _BESIDE]

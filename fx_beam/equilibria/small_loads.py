@@ -1,25 +1,77 @@
-"""States at small loads, by which derivatives by the load factor are found."""
+"""Small loads: derivatives by the load factor, geometric stiffness, first-order statics."""
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse
 
+from fx_beam.coupling.graph import joints_with_arms
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
+from fx_beam.fem.mesh import Mesh, rotation_of
 from fx_beam.laws.interval import Interval, Rest
 from fx_beam.motions.element_balance import ElementLoads, components, directions
 from fx_beam.motions.evaluation import solution_of
+from fx_beam.results.records import BeamBalance, BeamResultants, Energy, Stats
+from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.beam import Node, gauss_rule, lagrange_and_slopes
+from fx_beam.scene.joints import GROUND
 from fx_beam.step.model import Model
+from fx_beam.step.recorded_rows import RowSteps, histories_of
 from fx_beam.step.recorder import Record, Recorder
-from fx_beam.step.row_steps import RowSteps
-from fx_beam.step.step_failures import StepFailed
+from fx_beam.step.stepper import StepFailed
 
 from .load_steps import LoadStepper
 from .path_equations import PathEquations, Tangent
-from .virtual_strains import Axes
+
+# -- Axes and virtual strains at the Gauss points of beams: what section forces do work on ------
+
+
+class Axes(NamedTuple):
+    """Axes at the Gauss points of all elements in some configurations (..., cells, points)."""
+
+    #: Weights (points,) of an element; shape functions (points, nodes) and their slopes.
+    weights: np.ndarray
+    values: np.ndarray
+    slopes: np.ndarray
+    #: J phi' (..., 2), J that of the reference axis, and directions of N and Q.
+    dphi: np.ndarray
+    t: np.ndarray
+    n: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: Mesh, q: np.ndarray) -> Axes:
+        """Axes for displacements and rotations q (..., size)."""
+        nodes = mesh.elements
+        points, weights = gauss_rule(nodes.shape[1] - 1)
+        values, slopes = lagrange_and_slopes(np.linspace(0, 1, nodes.shape[1]), points)
+        moved = q.reshape(*q.shape[:-1], -1, 3)[..., nodes, :]
+        dX = np.einsum("ga,eai->egi", slopes, mesh.X[nodes])  # J times the tangent
+        x, y = np.moveaxis(dX / np.linalg.norm(dX, axis=-1, keepdims=True), -1, 0)
+        psi = moved[..., 2] @ values.T
+        c, s = np.cos(psi), np.sin(psi)
+        t = np.stack([c * x - s * y, s * x + c * y], axis=-1)
+        n = np.stack([-t[..., 1], t[..., 0]], axis=-1)
+        dphi = dX + np.einsum("ga,...eai->...egi", slopes, moved[..., :2])
+        return cls(weights, values, slopes, dphi, t, n)
+
+    def forces(self, resultants: np.ndarray) -> np.ndarray:
+        """Forces (..., cells, nodes, 3) of elements by N, Q and M (..., cells, points, 3)."""
+        N, Q, M = (part * self.weights for part in np.moveaxis(resultants, -1, 0))
+        pull = N[..., None] * self.t + Q[..., None] * self.n
+        lever = N * (self.n * self.dphi).sum(axis=-1) - Q * (self.t * self.dphi).sum(axis=-1)
+        forces = np.einsum("...gi,ga->...ai", pull, self.slopes)
+        moments = lever @ self.values + M @ self.slopes
+        return np.concatenate([forces, moments[..., None]], axis=-1)
+
+
+# -- States at small loads, by which derivatives by the load factor are found -------------------
+
 
 # Largest rotation [rad] and strain of these states. Their loads are these parts of the largest: the
 # error of a derivative is that of a polynomial of degree 8.
@@ -391,3 +443,186 @@ class SmallForces:
     def slope(self, rows: np.ndarray) -> np.ndarray:
         """Derivative by the forces of values (n + 1, ...) in all states."""
         return np.tensordot(_FIRST, rows, axes=1) / self._largest
+
+
+# -- The geometric stiffness of forces that small loads cause, in the shape of a state ----------
+
+
+def check_forces(model: Model) -> None:
+    """SceneError for forces whose geometric stiffness is not known."""
+    scene, unsupported = model.scene, ""
+    if scene.virtual_works or any(line.force for line in scene.forces_between):
+        unsupported = "forces with a law of their own"
+    if len(model.points.followers):
+        unsupported = "loads that follow the motion, so that stability depends on masses"
+    if scene.contacts or model.couplings.sliding:
+        unsupported = "contact" if scene.contacts else "nodes that slide on beams"
+    if unsupported:
+        raise SceneError(
+            f"buckling: the scene has {unsupported}. Take fx_beam.static, which finds "
+            "critical_points"
+        )
+
+
+def geometric_stiffness(small: SmallLoads, stepper: LoadStepper) -> scipy.sparse.csr_matrix:
+    """dK/dlambda (unknowns, unknowns) by forces alone: displacements stay those of the state."""
+    model, motions = stepper.model, stepper.motions
+    K = _beam_part(small, model) + _line_part(small, model)
+    motions.stiffness(small.state)  # the couplings are then those of this state
+    T = motions.coupling()
+    return (T.T @ K @ T + _joint_part(small, model, T)).tocsr()
+
+
+def _assembled(dofs: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_matrix:
+    """Matrix (size, size) of blocks (n, k, k) by their degrees of freedom (n, k)."""
+    rows = np.repeat(dofs, dofs.shape[1], axis=1).ravel()
+    columns = np.tile(dofs, dofs.shape[1]).ravel()
+    return scipy.sparse.csr_matrix((blocks.ravel(), (rows, columns)), (size, size))
+
+
+def _beam_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+    """Part (size, size) of N and Q: the second variation of N eps + Q gamma (eqs 9 and 10)."""
+    # With t and n along and across the section: N (2 n.du' dpsi - t.phi' dpsi^2) and
+    # -Q (2 t.du' dpsi + n.phi' dpsi^2).
+    mesh, size = model.mesh, model.size
+    if not model.scene.beams:
+        return scipy.sparse.csr_matrix((size, size))
+    weights, values, slopes, dphi, t, n = Axes.of(mesh, small.state.q)
+    nodes, count = mesh.elements, mesh.elements.shape[1]
+    N, Q = (_slopes_of(small, model, name)[..., None] for name in "NQ")
+    turned = -((N * t + Q * n) * dphi).sum(axis=-1)
+    # du' is a slope by J, and the integral has the weight J.
+    mixed = np.einsum("g,ga,egi,gb->eaib", weights, slopes, N * n - Q * t, values)
+    blocks = np.zeros((len(nodes), count, 3, count, 3))
+    blocks[:, :, :2, :, 2] = mixed
+    blocks[:, :, 2, :, :2] = mixed.transpose(0, 3, 1, 2)
+    blocks[:, :, 2, :, 2] = np.einsum("g,eg,ga,gb->eab", weights, turned, values, values)
+    width = 3 * count
+    return _assembled(mesh.dofs[nodes].reshape(-1, width), blocks.reshape(-1, width, width), size)
+
+
+def _slopes_of(small: SmallLoads, model: Model, name: str) -> np.ndarray:
+    """Resultants (cells, points) by the load factor."""
+    parts = []
+    for beam in model.scene.beams:
+        rows = getattr(small.solution.resultants(beam), name)
+        parts.append(small.slope(rows).reshape(beam.elements, -1))
+    return np.concatenate(parts)
+
+
+def _line_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+    """Part (size, size) of lines and ropes: F / l across each straight part of length l."""
+    # What holds nodes to the ground has a fixed direction.
+    lines, size = [line for line in model.scene.forces_between if not line.to_ground], model.size
+    if not lines:
+        return scipy.sparse.csr_matrix((size, size))
+    forces = small.slope(small.solution.recorded("line_forces"))
+    positions = model.mesh.X + small.state.q.reshape(-1, 3)[:, :2]
+    # The degrees of freedom of a fixed point are behind all others, and left out at the end.
+    fixed = np.full(2, size)
+    dofs, blocks = [], []
+    for line in lines:
+        points, node_dofs = line.points, model.mesh.dofs[:, :2]
+        places = [positions[p.number] if isinstance(p, Node) else p.position for p in points]
+        numbers = [node_dofs[p.number] if isinstance(p, Node) else fixed for p in points]
+        for k, arm in enumerate(line.straight(np.diff(places, axis=0))):
+            length = np.hypot(*arm)
+            normal = np.eye(2) - np.outer(arm, arm) / length**2
+            blocks.append(forces[line.number] / length * np.kron([[1, -1], [-1, 1]], normal))
+            dofs.append(np.concatenate(numbers[k : k + 2]))
+    return _assembled(np.array(dofs), np.array(blocks), size + 1)[:size, :size]
+
+
+def _joint_part(
+    small: SmallLoads, model: Model, T: scipy.sparse.csr_matrix
+) -> scipy.sparse.csr_matrix:
+    """Part (unknowns, unknowns) of forces f in joints: f.d2x of b at x = x_a + R (arm + s axis).
+
+    Forces change by the loads as they are seen from a, like N and Q of a stiff member.
+    """
+    reduction, state, size = model.reduction, small.state, model.size
+    arm_joints = joints_with_arms(model.couplings, model.scene)  # of the present scene
+    joints = [joint for joint in arm_joints if joint.a is not GROUND]
+    dependence = reduction.maps.dependence_matrix()[:, reduction.independent]
+    # Rotations of a, then slides.
+    motions = scipy.sparse.vstack([T, dependence], "csr")
+    forces = small.solution.recorded("joint_forces")[..., :2]
+    slopes, entries = small.slope(forces), []
+    for joint in joints:
+        turn, number = rotation_of(joint.a), joint.number
+        (x, y), psi = forces[0, number], state.q[turn]
+        f = slopes[number] - small.D[turn] * np.array([-y, x])
+        turned = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
+        arm, slide = turned @ joint.offset, size + model.couplings.slides.get(number, 0)
+        if joint.axis is not None:
+            axis = turned @ joint.axis
+            arm = arm + state.slides[number] * axis
+            mixed = f @ (-axis[1], axis[0])
+            if number in model.couplings.slides:
+                entries += [(turn, slide, mixed), (slide, turn, mixed)]
+        entries.append((turn, turn, -f @ arm))
+    rows, columns, values = np.reshape(entries, (-1, 3)).T
+    places, shape = (rows.astype(int), columns.astype(int)), (motions.shape[0],) * 2
+    return motions.T @ scipy.sparse.csr_matrix((values, places), shape) @ motions
+
+
+# -- First-order statics: small displacements about the reference, as of a frame program --------
+
+
+_log = logging.getLogger("fx_beam")
+# Error of the balance of forces, relative to the loads, of which a warning tells.
+_OUT_OF_BALANCE = 1e-8
+
+
+class _Histories(dict[str, object]):
+    """Histories by name, of which no motion goes on."""
+
+    def at_end(self, t: float) -> dict[str, np.ndarray]:
+        """Nothing that a next step would need."""
+        return {}
+
+
+def first_order(
+    stepper: LoadStepper, start: State, stats: Stats, end: Callable[[State], State]
+) -> Solution:
+    """The solution of two rows, without loads and with all loads, from a state without loads.
+
+    Every history is linear in the load factor; energies and work are quadratic.
+    """
+    small = SmallLoads("static: linear", stepper, start)
+    close, recorder = small.solution, small.recorder
+    histories = _Histories(histories_of(recorder))
+    for name, rows in histories.items():
+        if isinstance(rows, np.ndarray) and len(rows) == len(close.t):
+            histories[name] = small.at_ends(rows)
+        elif isinstance(rows, Energy):
+            parts = (
+                [part[0], part[0] + small.slope(part) + small.curvature(part)]
+                for part in vars(rows).values()
+            )
+            histories[name] = Energy(*map(np.array, parts))
+    histories.update({"t": np.array([0.0, 1.0]), "t_level": np.array([0.0, 1.0])})
+    last = end(start.changed(t=1.0, q=start.q + small.D))
+    solution = solution_of(recorder, stats, lambda: last, stored=histories)
+
+    def resultants_of_beam(name: str) -> BeamResultants:
+        beam = close.resultants_of_beam(name)
+        N, Q, M = map(small.at_ends, (beam.N, beam.Q, beam.M))
+        return BeamResultants(beam.s, N, Q, M, lambda: balance_of(name, beam))
+
+    def balance_of(name: str, beam: BeamResultants) -> BeamBalance:
+        balance = beam.balanced()
+        ends, jumps = map(small.at_ends, (balance.ends, balance.jumps))
+        if (slopes := small.slopes_at_ends(name, ends[0])) is not None:
+            ends[1] = ends[0] + slopes
+        return BeamBalance(balance.s, ends, balance.places, jumps)
+
+    solution.resultants_of_beam = resultants_of_beam
+    if small.error > _OUT_OF_BALANCE:
+        _log.warning(
+            "static: linear: few correct digits, if any: forces are out of balance by %.0e of the "
+            "loads by rounding errors. Beams are far stiffer in tension or shear than in bending, "
+            "or have very many elements. Take fewer elements, or smaller EA and GA",
+            small.error,
+        )
+    return solution

@@ -20,11 +20,9 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section, values_along
 from fx_beam.scene.structure import OtherStructureError
 
-from .assembly import Field, MeshTerm, Space
-from .form_library import CompiledForm
-from .loads import LoadedBeams
+from .compiled_forms import CompiledForm, Field, MeshTerm, Space
+from .functions_of_time import LoadedBeams, ParameterValues
 from .mesh import Mesh
-from .parameter_values import ParameterValues
 
 #: Names of nodal fields: the first changes in every iteration, the others in every step.
 NODAL = "increment", "start", "velocity", "acceleration", "q_previous"

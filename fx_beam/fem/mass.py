@@ -15,9 +15,8 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 from .beam_data import distinct, section_data
-from .loads import LoadedBeams, element_rule
-from .mesh import Mesh
-from .sparsity import positions_in
+from .functions_of_time import LoadedBeams, element_rule
+from .mesh import Mesh, positions_in
 
 _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 

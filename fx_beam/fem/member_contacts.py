@@ -14,7 +14,7 @@ from fx_beam.c_library import Structs
 from fx_beam.content_cache import shallow_copy
 from fx_beam.errors import SceneError
 from fx_beam.laws import scalar_laws as laws
-from fx_beam.laws.member_gap import FOLLOWED, FOLLOWED_WITH_FRICTION, MEMBER, MEMBER_WITH_FRICTION
+from fx_beam.laws.gaps import FOLLOWED, FOLLOWED_WITH_FRICTION, MEMBER, MEMBER_WITH_FRICTION
 from fx_beam.laws.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact, arc_of, points_of
@@ -24,8 +24,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 from .compiled_laws import LIBRARY, PointFunction, compiled_laws
-from .mesh import Mesh
-from .sparsity import connected_parts
+from .mesh import Mesh, connected_parts
 
 # Entries of a contact point: positions, with friction then rotations (member_contact.h).
 _POSITIONS, _ENTRIES = 10, 15

@@ -201,7 +201,7 @@ class SceneForces:
         """Kind of the length of a line, with its numbers and degrees of freedom."""
         table = self._mesh.dofs
         if force.kinds:
-            from fx_beam.laws.rope_laws import rope_over
+            from fx_beam.laws.point_laws import rope_over
 
             ends = zip(force.nodes, force.kinds, strict=True)
             dofs = [table[node, : 3 if kind == "D" else 2] for node, kind in ends if node >= 0]

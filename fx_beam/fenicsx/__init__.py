@@ -1,9 +1,9 @@
 """A scene as a variational problem of FEniCSx: for experiments with its form, fields and solvers.
 
 Only this loads dolfinx. `Problem` takes steps in time, `Equilibrium` load steps. In the order of
-a demo of dolfinx: `grid` has the mesh, `fields` the Functions, `form` the residual F and J,
-`assembly` their vectors and matrices. `equations` hands them to the engine, which has masses,
-points, joints and the reduction, `unknowns` are in PETSc, `newton` has the SNES that solves them.
+a demo of dolfinx: `meshes` has the mesh, `step_form` the Functions, the residual F and J,
+`reduced_equations` their vectors and matrices, nodal rates, the maps T and Tv of joints, the
+reduced residual and tangent, and the SNES that solves them.
 """
 
 import importlib.util
@@ -18,7 +18,7 @@ if importlib.util.find_spec("dolfinx") is None or importlib.util.find_spec("pets
 from .equilibrium import Equilibrium
 from .meshes import beams_of
 from .problem import Problem
-from .system import System
-from .trial_step import TrialStep
+from .reduced_equations import System
+from .steps import TrialStep
 
 __all__ = ["Equilibrium", "Problem", "System", "TrialStep", "beams_of"]

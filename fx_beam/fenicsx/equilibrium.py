@@ -19,24 +19,20 @@ from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Equilibrium as AtRest
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.initial_state import drawn_state
-from fx_beam.motions.options import check_scene
-from fx_beam.motions.prepared import stats_of
+from fx_beam.motions.motion_setup import check_scene, stats_of
 from fx_beam.motions.progress import attach, failure_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.load_loop import LoadLoop, StepSolution
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
-from fx_beam.step.step_failures import StepFailed
+from fx_beam.step.stepper import LoadLoop, StepFailed, StepSolution
 
-from .modes import Modes, eigenpairs, modes_of
-from .newton import PetscOptions
-from .replaced_rows import ReplacedRows
-from .steps import DolfinxSteps
-from .trial_step import TrialStep, trial_step
+from .modes import FieldModes, eigenpairs, modes_of
+from .reduced_equations import PetscOptions
+from .steps import DolfinxSteps, ReplacedRows, TrialStep, trial_step
 from .versions import DolfinxMesh
 
 # Unknowns up to which all eigenvalues are found at once.
@@ -318,7 +314,7 @@ class Equilibrium(DolfinxSteps):
         pairs = eigenpairs(self._equations, self._equations.tangent(), n)
         return np.array([square for square, _ in pairs])
 
-    def modes(self, n: int = 4) -> Modes:
+    def modes(self, n: int = 4) -> FieldModes:
         """Small undamped motions about the last equilibrium, by SLEPc.
 
         Parameters

@@ -1,19 +1,211 @@
-"""Beams from a mesh of dolfinx, such as one that gmsh has made."""
+"""Meshes of dolfinx: all beams of a scene as one, and beams from one such as of gmsh."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import dolfinx
+import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError
-from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.mesh import MeshBeams
+from fx_beam.fem import elements
+from fx_beam.fem.beam_forms import BeamForms
+from fx_beam.fem.mesh import Mesh
+from fx_beam.scene.beam import Beam, Node, gauss_rule
+from fx_beam.scene.curve import MeshBeams
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 
-from .versions import DolfinxMesh, MeshTags, cell_ends, cell_nodes, cell_vertices, fits
+from .versions import (
+    CompiledExpression,
+    DolfinxMesh,
+    Element,
+    MeshTags,
+    cell_dofs,
+    cell_ends,
+    cell_nodes,
+    cell_vertices,
+    compiled_expression,
+    count_cells,
+    create_mesh,
+    exterior_facets,
+    fits,
+    function_space,
+    values_of,
+)
+
+# -- The elements of all beams of a scene as a mesh of dolfinx, and values on it ----------------
+
+
+class BeamMesh:
+    """A mesh of dolfinx with the elements of a scene; each process has a part of them.
+
+    Values of elements (cells, ...) are in the scene's order, and of all of them.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        nodes: Mesh,
+        beams: BeamForms,
+        comm: MPI.Comm,
+        mesh: dolfinx.mesh.Mesh | None = None,
+    ):
+        self.scene, self._nodes, self.beams, self.comm = scene, nodes, beams, comm
+        self.degree = degree = beams.kind.degree
+        element = elements.lagrange(degree if nodes.curved else 1, 2)
+        points = nodes.points.astype(np.int64)
+        if mesh is not None:
+            self._check(mesh)
+        #: Intervals in the plane. At joints vertices coincide.
+        self.mesh = mesh or create_mesh(comm, points, nodes.X, element)
+        #: Number in the scene of each element that this process has.
+        self.cells = np.asarray(self.mesh.topology.original_cell_index)
+        if mesh is not None:
+            self.cells = np.arange(len(points))
+        X = self.mesh.geometry.x[cell_ends(self.mesh), :2]
+        assert np.array_equal(X, nodes.X[points[:, :2]][self.cells])  # dolfinx keeps their order
+        #: Number of the beam of each element, and of the node at each vertex that is an end.
+        self.cell_tags, self.end_tags = self.tagged(nodes.beam_of_cell), self._tagged_ends()
+        # Compiled, by expression and points.
+        self._expressions: dict[tuple[Expr, bytes], CompiledExpression] = {}
+        self._spaces: dict[Element, fem.FunctionSpace] = {}
+
+    def _check(self, mesh: dolfinx.mesh.Mesh) -> None:
+        """Refuse a mesh whose cells are not the elements of the scene, one by one."""
+        ends = self._nodes.points[:, :2]
+        is_it = mesh.geometry.dim == 2 and mesh.topology.dim == 1 and mesh.comm.size == 1
+        if is_it and (rows := cell_ends(mesh)).shape == ends.shape:
+            pairs = np.unique(np.column_stack([rows.ravel(), ends.ravel()]), axis=0)
+            is_it = np.array_equal(mesh.geometry.x[rows, :2], self._nodes.X[ends])
+            is_it = is_it and all(len(np.unique(side)) == len(pairs) for side in pairs.T)
+            if is_it:
+                return
+        raise SceneError(
+            "fenicsx: mesh: its cells are not the elements of the scene. All beams must be those "
+            "of beams_of(scene, mesh, ..., elements=1) with this mesh in the plane, rigid where "
+            "they meet, on one process. Else leave out `mesh`: problem.cell_map has the cell of "
+            "each element"
+        )
+
+    def space(self, element: Element) -> fem.FunctionSpace:
+        """A function space, one for each element: it takes as long as several steps."""
+        if element not in self._spaces:
+            self._spaces[element] = function_space(self.mesh, element)
+        return self._spaces[element]
+
+    def tagged(self, tags: np.ndarray) -> MeshTags:
+        """Tags of elements as tags of the mesh of dolfinx."""
+        numbers = np.arange(len(self.cells), dtype=np.int32)
+        return dolfinx.mesh.meshtags(self.mesh, 1, numbers, tags[self.cells].astype(np.int32))
+
+    def numbers(self, space: fem.FunctionSpace, cell_numbers: np.ndarray) -> np.ndarray:
+        """The number of each degree of freedom of a space, from numbers (cells, width) in cells."""
+        dofs = cell_dofs(space)
+        numbers = np.zeros(dofs.max(initial=-1) + 1, dtype=PETSc.IntType)
+        numbers[dofs] = cell_numbers[self.cells]
+        return numbers
+
+    def fill(self, function: fem.Function, cell_values: np.ndarray) -> None:
+        """Set a Function by its values (cells, ...)."""
+        values = cell_values.reshape(len(cell_values), -1)[self.cells]
+        function.x.array[cell_dofs(function.function_space)] = values
+
+    def _gathered(self, own_values: np.ndarray) -> np.ndarray:
+        """Values (cells, ...) from the values of the cells that each process owns."""
+        owned, _ = count_cells(self.mesh)
+        values = np.zeros((len(self._nodes.points), *own_values.shape[1:]))
+        values[self.cells[:owned]] = own_values
+        return self.total(values)
+
+    def total(self, values: np.ndarray) -> np.ndarray:
+        """The sum over all processes, in place."""
+        if self.comm.size > 1:
+            self.comm.Allreduce(MPI.IN_PLACE, values)
+        return values
+
+    # -- Integrals ---------------------------------------------------------------------------------
+
+    def measure(
+        self, place: Beam | Sequence[Beam] | Node | None, points: int | None
+    ) -> ufl.Measure:
+        """Measure of beams, of all, or of a node, by a Gauss rule; see `Steps.measure`."""
+        domain = self.mesh.ufl_domain()
+        if isinstance(place, Node):
+            if not self.comm.allreduce(int((self.end_tags.values == place.number).sum())):
+                raise SceneError(
+                    f"fenicsx: measure: {place} is no end of the mesh, but an inner node of beams. "
+                    "Use scene.add_force for a force on it"
+                )
+            return ufl.Measure("ds", domain=domain, subdomain_data=self.end_tags)(place.number)
+        dx = elements.measure(domain, points or self.degree)(subdomain_data=self.cell_tags)
+        if place is None:
+            return dx
+        beams = [place] if isinstance(place, Beam) else [*place]
+        for beam in beams:
+            if not self.scene.beams.has(beam):
+                raise SceneError(f"fenicsx: measure: {beam} is no beam of this scene")
+        return dx(tuple(self.scene.beams.number_of(beam.name) for beam in beams))
+
+    def of_materials(self, form: ufl.Form) -> ufl.Form:
+        """A form over materials as one over beams, which adds up with those of a user."""
+        materials = {*zip(self._nodes.beam_of_cell, self.beams.data.tags, strict=True)}
+
+        def over_beams(part: ufl.Integral) -> ufl.Integral:
+            beams = sorted(int(beam) for beam, number in materials if number == part.subdomain_id())
+            tags = tuple(beams) or "everywhere"
+            return part.reconstruct(subdomain_id=tags, subdomain_data=self.cell_tags)
+
+        return ufl.Form([over_beams(part) for part in form.integrals()])
+
+    def _tagged_ends(self) -> MeshTags:
+        """Numbers of the nodes at the vertices in which a single element ends."""
+        numbers, vertices = self._nodes.points[self.cells][:, :2], cell_vertices(self.mesh)
+        number = np.zeros(vertices.max(initial=-1) + 1, np.int32)
+        number[vertices] = numbers
+        ends = np.sort(exterior_facets(self.mesh)).astype(np.int32)
+        return dolfinx.mesh.meshtags(self.mesh, 0, ends, number[ends])
+
+    # -- Values ------------------------------------------------------------------------------------
+
+    def at_points(self, expressions: Sequence[Expr], points: ArrayLike | None = None) -> np.ndarray:
+        """Values (cells, points, ...) of an expression in UFL for each material, or of one."""
+        tags = self.beams.data.tags if len(expressions) > 1 else 0 * self.beams.data.tags
+        places = gauss_rule(self.degree)[0] if points is None else np.asarray(points, float)
+        owned_cells = self.cells[: count_cells(self.mesh)[0]]
+        values = np.empty((len(owned_cells), len(places), *expressions[0].ufl_shape))
+        for number, part in enumerate(expressions):
+            key = part, places.tobytes()
+            if key not in self._expressions:
+                zero = fem.Constant(self.mesh, np.zeros(part.ufl_shape))  # of numbers, too
+                self._expressions[key] = compiled_expression(part + zero, places[:, None])
+            chosen = np.flatnonzero(tags[owned_cells] == number)
+            computed = values_of(self._expressions[key], self.mesh, chosen)
+            values[chosen] = computed.reshape(len(chosen), len(places), *part.ufl_shape)
+        return self._gathered(values)
+
+    def interpolated(self, values: np.ndarray, name: str) -> fem.Function:
+        """A discontinuous Function with values (cells, degree, ...) at the Gauss points."""
+        p, exponents = self.degree, np.arange(self.degree)
+        places = [0.5] if p == 1 else [0.0, 1.0, *np.linspace(0, 1, p)[1:-1]]
+        interpolation = np.power.outer(places, exponents)
+        interpolation = interpolation @ np.linalg.inv(np.power.outer(gauss_rule(p)[0], exponents))
+        element = elements.lagrange(p - 1, *values.shape[2:], broken=True)
+        function = fem.Function(self.space(element), name=name)
+        self.fill(function, np.einsum("np,cp...->cn...", interpolation, values))
+        return function
+
+
+# -- Beams from a mesh of dolfinx, such as one that gmsh has made -------------------------------
 
 
 class BeamsOfMesh(MeshBeams):

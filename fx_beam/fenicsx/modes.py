@@ -13,10 +13,10 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 
-from .equations import ReducedEquations
+from .reduced_equations import ReducedEquations
 
 
-class Modes(NamedTuple):
+class FieldModes(NamedTuple):
     """Undamped small motions, from the lowest frequency on."""
 
     #: Frequencies (n,) [Hz].
@@ -25,7 +25,7 @@ class Modes(NamedTuple):
     functions: list[fem.Function]
 
 
-def modes_of(equations: ReducedEquations, K: PETSc.Mat, n: int) -> Modes:
+def modes_of(equations: ReducedEquations, K: PETSc.Mat, n: int) -> FieldModes:
     """The lowest modes; SceneError if there is one that grows."""
     pairs, fields, mass = eigenpairs(equations, K, n), equations.assembly.fields, equations.mass
     squares = np.array([square.real for square, _ in pairs])
@@ -40,7 +40,7 @@ def modes_of(equations: ReducedEquations, K: PETSc.Mat, n: int) -> Modes:
         function = fem.Function(fields.V, name=f"mode_{number}")
         function.x.array[:] = (motion / np.sqrt(motion @ mass @ motion))[fields.V_numbers]
         functions.append(function)
-    return Modes(np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi), functions)
+    return FieldModes(np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi), functions)
 
 
 def eigenpairs(

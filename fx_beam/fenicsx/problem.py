@@ -19,8 +19,7 @@ from fx_beam.laws.interval import INSTANT, Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.initial_state import Starts, drawn_state
-from fx_beam.motions.options import Options, check_scene, grid_from
-from fx_beam.motions.prepared import MotionSetup
+from fx_beam.motions.motion_setup import MotionSetup, Options, check_scene, grid_from
 from fx_beam.motions.progress import attach, failure_of
 from fx_beam.motions.run import warn_of_parts, warn_of_rounding
 from fx_beam.results.solution import Solution
@@ -28,14 +27,12 @@ from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
-from fx_beam.step.recorded_histories import slides_near
+from fx_beam.step.recorded_rows import slides_near
 from fx_beam.step.recorder import NullRecorder, Record, Recorder
 
-from .modes import Modes, modes_of
-from .newton import PetscOptions
-from .replaced_rows import ReplacedRows
-from .steps import DolfinxSteps
-from .trial_step import TrialStep, trial_step
+from .modes import FieldModes, modes_of
+from .reduced_equations import PetscOptions
+from .steps import DolfinxSteps, ReplacedRows, TrialStep, trial_step
 from .versions import DolfinxMesh
 
 
@@ -307,7 +304,7 @@ class Problem(DolfinxSteps):
         warn_of_rounding(stats)
         return solution()
 
-    def modes(self, n: int = 4) -> Modes:
+    def modes(self, n: int = 4) -> FieldModes:
         """Small undamped motions about the present state, as if it were at rest, by SLEPc.
 
         Parameters

@@ -1,10 +1,13 @@
-"""Form, fields and solver of a problem whose steps PETSc takes."""
+"""Form, fields, solver and replaced rows of a problem whose steps PETSc takes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import ufl
 from dolfinx import fem
@@ -14,18 +17,163 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError, all_of, require
+from fx_beam.results.records import BeamResultants
+from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.beam import Beam, Node
-from fx_beam.step.loop import CompiledLoop
+from fx_beam.scene.beam import Beam, Node, arc_lengths, gauss_rule
 from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.recorder import Recorder
+from fx_beam.step.stepper import CompiledLoop
 
-from .assembly import Assembly
-from .equations import ReducedEquations
-from .form import Resultants, StepForm, StrainEnergy
-from .grid import BeamMesh
-from .newton import Newton, PetscOptions
-from .system import System
+from .meshes import BeamMesh
+from .reduced_equations import Assembly, Newton, PetscOptions, ReducedEquations, System
+from .step_form import Resultants, StepForm, StrainEnergy
 from .versions import DolfinxMesh
+
+# -- Resultants and strain energy of the rows of a solution, where a user has replaced them -----
+
+
+# Place in a row of energies.
+_STRAIN, _DISSIPATED = 1, 5
+
+
+class ReplacedRows:
+    """Resultants (cells, points, 3) at the rows of a record, if they are replaced."""
+
+    def __init__(self, assembly: Assembly, recorder: Recorder):
+        self._assembly, self._recorder = assembly, recorder
+        self._rows: list[np.ndarray] = []
+
+    def follow(self, update: Callable[[], object] | None = None) -> float:
+        """Have resultants of the last step, and energies after an `update`, in a new row.
+
+        Returns the energy that was lost in the step [J].
+        """
+        form, rows = self._assembly.form, self._recorder.rows
+        is_new = form.replaced and rows > len(self._rows)
+        if is_new:
+            self._rows.append(self._assembly.resultants())
+        if update is not None:
+            update()
+        lost = form.dissipated() if update is not None else 0.0
+        if is_new:
+            self._recorder.arrays["energies"][rows - 1, _STRAIN] = form.strain_energy()
+            self._recorder.arrays["energies"][rows - 1, _DISSIPATED] += lost
+        return lost
+
+    def in_solution(self, solution: Solution) -> Solution:
+        """The solution with the resultants of these rows."""
+        if not self._assembly.form.replaced:
+            return solution
+        rows, model = np.array(self._rows), self._assembly.model
+        pairs = zip(model.scene.beams, model.mesh.cells, strict=True)
+        beams = {beam.name: (beam, cells) for beam, cells in pairs}
+
+        def resultants(name: str) -> BeamResultants:
+            beam, cells = beams[name]
+            N, Q, M = np.moveaxis(rows[:, cells].reshape(len(rows), -1, 3), -1, 0)
+            return BeamResultants(arc_lengths(beam, gauss_rule(beam.degree)[0]).ravel(), N, Q, M)
+
+        solution.resultants_of_beam, solution.has_own_energy = resultants, True
+        return solution
+
+
+# -- A step whose unknowns a user finds: by Newton's method, a line search or an arc length -----
+
+
+class TrialStep:
+    """Residual and tangent of a step that has begun, at unknowns of your own.
+
+    `Problem.begin` and `Equilibrium.begin` make it. Unknowns y are increments over the step of what
+    supports and joints leave.
+
+    Parameters
+    ----------
+    newton : Newton
+        The solver of the problem.
+    equations : Equations
+        Its equations.
+    advance : callable
+        Takes the step.
+
+    Attributes
+    ----------
+    y : PETSc.Vec
+        Predicted unknowns at the end of the step, from which iterations may start.
+    """
+
+    def __init__(self, newton: Newton, equations: ReducedEquations, advance: Callable[[], None]):
+        self._newton, self._equations, self._advance = newton, equations, advance
+        self.y: PETSc.Vec = equations.unknowns.A.createVecRight()
+        self.y.array[:] = equations.unknowns.own(equations.y)
+
+    def residual(self, y: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Set a vector to the residual Tv^T r.
+
+        Parameters
+        ----------
+        y : PETSc.Vec
+            Unknowns.
+        out : PETSc.Vec
+            The residual [N, N m]; nan where joints cannot be closed, or nodes turn too far.
+        """
+        if self._newton.own is None:
+            raise SceneError("fenicsx: begin: the step has ended. Begin another one")
+        self._newton.residual(y, out)
+
+    def tangent(self, y: PETSc.Vec) -> PETSc.Mat:
+        """Give the derivative of the residual.
+
+        Parameters
+        ----------
+        y : PETSc.Vec
+            Unknowns, at which there is a configuration.
+
+        Returns
+        -------
+        PETSc.Mat
+            The matrix of the problem, which the next call overwrites.
+        """
+        self.residual(y, y.duplicate())
+        return self._equations.tangent()
+
+    def accept(self, y: PETSc.Vec) -> None:
+        """End the step at unknowns: it is a step of the problem then.
+
+        Parameters
+        ----------
+        y : PETSc.Vec
+            Unknowns. How small the residual is there is not judged.
+
+        Raises
+        ------
+        StepError
+            Where there is no configuration; then all is as before.
+        """
+        self._newton.own = partial(self._newton.take, y)
+        try:
+            self._advance()
+        finally:
+            self._newton.own = None
+
+
+@contextmanager
+def trial_step(
+    newton: Newton,
+    equations: ReducedEquations,
+    prepare: Callable[[], None],
+    advance: Callable[[], None],
+) -> Iterator[TrialStep]:
+    """A step that `prepare` begins without an end, and that `advance` takes if it is accepted."""
+    newton.own = newton.stay
+    try:
+        prepare()
+        yield TrialStep(newton, equations, advance)
+    finally:
+        newton.own = None
+
+
+# -- Form, fields and solver of a problem whose steps PETSc takes -------------------------------
 
 
 class DolfinxSteps:
@@ -245,8 +393,8 @@ class DolfinxSteps:
 
         F, this and minus `loads` are the residual of `system`, but for lumped masses and forces at
         points; assemble each alone, as their Gauss rules differ. Other schemes have nodal
-        accelerations: their inertia is `system.M` times them, and no integral; then this is a
-        SceneError.
+        accelerations: their inertia is `reduced_equations.M` times them, and no integral; then
+        this is a SceneError.
         """
         return self._form.inertia(self._equations.model)
 

@@ -274,7 +274,7 @@ class NodalRates(UpdateRule):
 
     def _check(self, rule: Rule) -> None:
         """Refuse a rule whose acceleration does not depend on the increment, and nan and inf."""
-        from fx_beam.scene.symbols import Symbol
+        from fx_beam.scene.ufl_symbols import Symbol
 
         symbols = [Symbol() for _ in range(13)]
         arguments = [*(ufl.as_vector(symbols[k : k + 3]) for k in range(0, 12, 3)), symbols[-1]]

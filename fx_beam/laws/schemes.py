@@ -25,7 +25,7 @@ from .resultants import (
 )
 
 if TYPE_CHECKING:
-    from fx_beam.scene.symbols import Parameter
+    from fx_beam.scene.ufl_symbols import Parameter
 
 #: Sub-steps that the loop over time steps has room for (c/tables.h).
 MOST_SUB_STEPS = 32
@@ -188,7 +188,7 @@ class Scheme:
 
 def _check_strains(function: Strains) -> None:
     """Refuse strains that are no three scalars in UFL."""
-    from fx_beam.scene.symbols import STEP
+    from fx_beam.scene.ufl_symbols import STEP
 
     check_takes(function, "step, u, psi", "Scheme: strains")
     with refused("Scheme: strains(step, u, psi) must give three UFL expressions"):

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from fx_beam.errors import is_one_of, require
 from fx_beam.scene.law import Law
-from fx_beam.scene.symbols import STEP, Symbol
+from fx_beam.scene.ufl_symbols import STEP, Symbol
 from fx_beam.symbolic import Expr, parts_of, ufl
 
 from .kinematics import director, perp, strains, tan, turn_of

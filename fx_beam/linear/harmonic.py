@@ -15,13 +15,11 @@ from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.loads import check_node
-from fx_beam.scene.measured import Measured
-from fx_beam.scene.outputs import Output
+from fx_beam.scene.outputs import Measured, Output
 from fx_beam.scene.scene import Scene
-from fx_beam.step.undamped_modes import Symmetry
+from fx_beam.step.constrained_matrix import Symmetry
 
-from .damped_pencil import DampedPencil, Weighted
-from .linearisation import Linearisation, linearised, output_rows
+from .linearisation import DampedPencil, Linearisation, Weighted, linearised, output_rows
 
 # Motion per force, in the units of the equations' diagonal, at which only rounding bounds it.
 _UNBOUNDED = 1e14

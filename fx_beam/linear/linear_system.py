@@ -16,23 +16,23 @@ from fx_beam.fem.point_values import AN_INSTANT, PointValues
 from fx_beam.laws.interval import StepBatch
 from fx_beam.motions.initial_state import end_of
 from fx_beam.motions.motion import Motion
-from fx_beam.motions.options import check_scene
+from fx_beam.motions.motion_setup import check_scene
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
-from fx_beam.scene.inputs import InputSignal, check_names, values_of, widths
-from fx_beam.scene.measured import Measured
+from fx_beam.scene.functions import InputSignal, check_names, values_of, widths
 from fx_beam.scene.outputs import (
     OF_JOINTS,
     OF_LINES,
     OF_NODES,
+    Measured,
     Output,
     check_differentiable,
     check_outputs,
 )
 from fx_beam.scene.scene import Scene
-from fx_beam.step.accelerations import have_mass
-from fx_beam.step.recorded_histories import driven_of
+from fx_beam.step.equations import have_mass
+from fx_beam.step.recorded_rows import driven_of
 
 from .linearisation import output_rows, sized, split
 from .moving_state import Deviations, deviations, forces_inside

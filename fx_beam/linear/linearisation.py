@@ -1,4 +1,4 @@
-"""Stiffness, damping and mass of small motions about a configuration."""
+"""Stiffness, damping and mass of small motions about a configuration, and their pencil."""
 
 from __future__ import annotations
 
@@ -11,29 +11,79 @@ import scipy.linalg
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.coupling.column_map import ColumnMap
+from fx_beam.coupling.dependent_columns import ColumnMap
 from fx_beam.equilibria.statics import unloaded
 from fx_beam.errors import SceneError, StepError, require, warn_once
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import Equilibrium, MidPoint
 from fx_beam.motions.initial_state import drawn_state, rates_of_columns
-from fx_beam.motions.options import check_scene
-from fx_beam.motions.prepared import model_for, state_of
+from fx_beam.motions.motion_setup import check_scene, model_for, state_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Coordinate
-from fx_beam.scene.inputs import values_of, widths, with_values
-from fx_beam.scene.measured import Measured
+from fx_beam.scene.functions import values_of, widths, with_values
+from fx_beam.scene.outputs import Measured
 from fx_beam.scene.scene import Scene
-from fx_beam.step.accelerations import have_mass
-from fx_beam.step.equations import Equations
-from fx_beam.step.extended import ConstrainedMatrix
-from fx_beam.step.forcing import Forcing
+from fx_beam.step.constrained_matrix import ConstrainedMatrix, Symmetry, UndampedModes
+from fx_beam.step.equations import Equations, have_mass
+from fx_beam.step.forcing import Forcing, TurningFrame, check_turns
 from fx_beam.step.model import Model
-from fx_beam.step.state_values import added_force
-from fx_beam.step.turning_frame import TurningFrame, check_turns
-from fx_beam.step.undamped_modes import Symmetry, UndampedModes
+from fx_beam.step.state_vector import added_force
+
+# -- K + s C + s^2 M of small motions: sparse, also in long trees and loops ---------------------
+
+
+# Random vectors of which sizes of diagonals are estimated.
+_SAMPLES = 8
+
+
+class Weighted:
+    """E^T A E (free, free) of a sparse A (n, n), where y = E x is all that follows unknowns x."""
+
+    def __init__(self, A: scipy.sparse.csr_matrix, stiffness: ConstrainedMatrix):
+        self.A, self._stiffness = A, stiffness
+
+    def __matmul__(self, x: np.ndarray) -> np.ndarray:
+        return self._stiffness.collected(self.A @ self._stiffness.spread(x))
+
+    def __abs__(self) -> Weighted:
+        return Weighted(abs(self.A), self._stiffness)
+
+    def diagonal(self) -> np.ndarray:
+        """Diagonal (free,); where other unknowns follow an estimate, without signs."""
+        diagonal = self.A.diagonal()
+        if self._stiffness.is_plain:
+            return diagonal
+        random = np.random.default_rng(0).standard_normal((len(diagonal), _SAMPLES))
+        roots = self._stiffness.collected(np.sqrt(abs(diagonal))[:, None] * random)
+        return (roots**2).mean(axis=1)
+
+
+class DampedPencil:
+    """K + s C + s^2 M of unknowns; with `ConstrainedMatrix` matrices, C and M without equations."""
+
+    def __init__(self, K: ConstrainedMatrix, C: ConstrainedMatrix, M: ConstrainedMatrix):
+        self._stiffness = K
+        self.K, self.C, self.M = (Weighted(part.alone, K) for part in (K, C, M))
+        parts, n = [part.system.tocoo() for part in (K, C, M)], K.system.shape[0]
+        places = [part.col.astype(np.int64) * n + part.row for part in parts]
+        pattern = np.unique(np.concatenate(places))
+        # The values of all three in the columns of a common pattern.
+        self._values = np.zeros((3, len(pattern)))
+        for values, part, place in zip(self._values, parts, places, strict=True):
+            np.add.at(values, np.searchsorted(pattern, place), part.data)
+        self._pattern = pattern % n, np.searchsorted(pattern // n, np.arange(n + 1))
+
+    def matrix_at(self, s: complex) -> ConstrainedMatrix:
+        """The matrix at a number s [1/s]."""
+        values, shape = np.array([1, s, s**2]) @ self._values, self._stiffness.system.shape
+        matrix = scipy.sparse.csc_matrix((values, *self._pattern), shape)
+        return replace(self._stiffness, system=matrix)
+
+
+# -- Stiffness, damping and mass of small motions about a configuration -------------------------
+
 
 # Length of the steps whose tangents give the damping [s]. In much shorter ones damping over the
 # length hides what couples nodes that slide.

@@ -15,21 +15,18 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.interval import instant
 from fx_beam.laws.schemes import EnergyMomentum
 from fx_beam.motions.initial_state import drawn_state
-from fx_beam.motions.prepared import model_for, state_of
+from fx_beam.motions.motion_setup import model_for, state_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.functions import constant
-from fx_beam.scene.inputs import InputSignal
+from fx_beam.scene.functions import InputSignal, constant
 from fx_beam.scene.loads import damping_of
 from fx_beam.scene.scene import Scene
-from fx_beam.step.accelerations import acceleration_of
-from fx_beam.step.equations import Equations, Residual
+from fx_beam.step.equations import Equations, Residual, acceleration_of
 from fx_beam.step.fitted_rates import rate_fit
-from fx_beam.step.forcing import Forcing
-from fx_beam.step.held_inputs import HeldInputs
+from fx_beam.step.forcing import Forcing, TurningFrame
 from fx_beam.step.model import Model
-from fx_beam.step.state_values import added_force
-from fx_beam.step.turning_frame import TurningFrame
+from fx_beam.step.state_vector import added_force
+from fx_beam.step.step_inputs import HeldInputs
 
 from .linearisation import (
     INSTANT,

@@ -488,7 +488,7 @@ def _first_inside(
     solution: Solution, obstacle: Contact, touching: Beam | Node, member: Beam
 ) -> tuple[int, np.ndarray, float, Beam] | None:
     """Row, place and radius of curvature of the first such touch of a member."""
-    from fx_beam.results.contact_gaps import nodes_of
+    from fx_beam.results.joint_and_contact_motion import nodes_of
 
     X, q = solution.X[:, :2], solution.recorded("q")
     nodes = solution.nodes_of_beam[member.name]

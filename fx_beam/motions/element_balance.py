@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,17 +10,20 @@ import numpy as np
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import dual_array, floats
 from fx_beam.errors import any_of
-from fx_beam.fem.loads import LoadedBeams, dead_loads
+from fx_beam.fem.functions_of_time import LoadedBeams, dead_loads
 from fx_beam.fem.mass import masses_of_points
 from fx_beam.fem.mesh import Mesh
 from fx_beam.laws.interval import Rest, StepBatch, just_inside
 from fx_beam.laws.rates import NewmarkRates
-from fx_beam.results.section_forces import BeamBalance
+from fx_beam.results.records import BeamBalance
 from fx_beam.scene.beam import Beam, BeamPlace, lagrange, lagrange_and_slopes
-from fx_beam.scene.inputs import InputSignal
+from fx_beam.scene.functions import InputSignal
+from fx_beam.scene.outputs import Output, section_value
 from fx_beam.step.model import Model
+from fx_beam.step.recorded_rows import RowSteps
 from fx_beam.step.recorder import Recorder
-from fx_beam.step.row_steps import RowSteps
+
+# -- Section forces at the ends of elements, from the balance of each with its inertia and loads
 
 
 class ElementLoads:
@@ -199,3 +202,51 @@ def components(forces: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """N, Q and M (..., 3) of forces and moments (..., 3), by directions of the normal [rad]."""
     (x, y, m), c, s = np.moveaxis(forces, -1, 0), np.cos(angles), np.sin(angles)
     return np.stack([c * x + s * y, c * y - s * x, m], axis=-1)
+
+
+# -- Section forces in the last row of a motion that is recorded, from the balance of elements --
+
+
+class RowBalance:
+    """The balance of the elements in the present state, which is computed once for all outputs.
+
+    `now` gives what identifies the state, its record, and its accelerations (size,).
+    """
+
+    def __init__(self, model: Model, now: Callable[[], tuple[Any, Recorder, np.ndarray]]):
+        self._model, self._now, self._state = model, now, None
+        self._loads = ElementLoads(model, model.data.loaded_beams, model.mesh.X)
+        self._balance: ElementBalance
+        self._gauss: np.ndarray
+
+    def value_of(self, output: Output) -> Callable[[], float]:
+        """A function that reads an output at a place."""
+        place: Any = output.of
+        number = self._model.scene.beams.number_of(place.beam.name)
+        cells = self._model.mesh.cells[number]
+
+        def read() -> float:
+            self._renew()
+            gauss = self._gauss[:, cells].reshape(1, -1, 3)
+            _, *forces = self._balance.of_beam(number).forces_at(gauss, place.s, "after")
+            return float(section_value(output, *(force[0, 0] for force in forces)))
+
+        return read
+
+    def _renew(self) -> None:
+        state, recorder, a = self._now()
+        if state is self._state:
+            return
+        model, last, beams = self._model, recorder.rows - 1, self._model.forms.beams
+        assert beams is not None  # as an output is of one
+        with model.lock:
+            steps = RowSteps(recorder, last)
+            self._gauss = steps.means(beams.resultants(steps.batch()))
+            self._balance = ElementBalance(
+                recorder,
+                model.data.loaded_beams,
+                a[None].copy(),
+                first=last,
+                own_loads=self._loads,
+            )
+        self._state = state

@@ -30,16 +30,24 @@ from fx_beam.scene.loads import check_node
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.step import full_turns
-from fx_beam.step.held_inputs import HeldInputs, SingleInputs
 from fx_beam.step.interrupts import Method, ctrl_c_waits, one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Mark, NullRecorder, Record, Recorder, Rows
+from fx_beam.step.step_inputs import HeldInputs, SingleInputs
 
 from .evaluation import solution_of
 from .measurement import Instant, fitted_state, fitted_value, readings
-from .options import MOST_STEPS, Options, TimeGrid, check_scene, grid_from
-from .prepared import MotionSetup, prepare, state_of
+from .motion_setup import (
+    MOST_STEPS,
+    MotionSetup,
+    Options,
+    TimeGrid,
+    check_scene,
+    grid_from,
+    prepare,
+    state_of,
+)
 
 # Steps for whose rows room is made at once.
 _ROWS = 1024

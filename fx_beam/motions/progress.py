@@ -9,12 +9,11 @@ from typing import ParamSpec
 
 from tqdm import tqdm
 
-from fx_beam.errors import Failure, StepError
-from fx_beam.other_names import add_hint
+from fx_beam.errors import Failure, StepError, add_hint
 from fx_beam.results.solution import Solution
 from fx_beam.step.interrupts import without_ctrl_c
 
-from .surroundings import is_in_sweep
+from .sweep_context import is_in_sweep
 
 _P = ParamSpec("_P")
 

@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.errors import LARGEST, SceneError, check_takes, is_whole, positive, real_array, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.initial_state import end_of
-from fx_beam.motions.prepared import prepare
+from fx_beam.motions.motion_setup import prepare
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
@@ -18,10 +18,20 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.newton import NewtonOptions
 
-from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close
-from .mode_family import ModeFamily, holds_energy
-from .periodic_family import Path, motion_of
-from .shooting import STEP, Period, PeriodicOptions, Shooting, nearest_return
+from .periodic_family import ModeFamily, Path, holds_energy, motion_of
+from .shooting import (
+    NO_SHIFT,
+    STEP,
+    Closed,
+    Condition,
+    NotClosed,
+    Period,
+    PeriodicOptions,
+    Shooting,
+    at_rest,
+    close,
+    nearest_return,
+)
 
 # Periods after which the search for a forced motion begins again.
 _SETTLING = 3, 10, 30

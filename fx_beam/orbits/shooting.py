@@ -1,30 +1,206 @@
-"""The state after a period as a function of that before, and its derivatives (monodromy matrix)."""
+"""Periodic motions by shooting: variables, the state after a period, and Newton's method."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+import scipy.linalg
+import scipy.sparse.linalg
 
-from fx_beam.errors import SceneError, as_float, between, real, whole
+from fx_beam.errors import SceneError, StepError, as_float, between, real, whole
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
 from fx_beam.motions.evaluation import solution_of
-from fx_beam.motions.numbers import numbers_in_steps
-from fx_beam.motions.options import CommonOptions, Options, check_scene
-from fx_beam.motions.prepared import MotionSetup, prepare
+from fx_beam.motions.motion_setup import (
+    CommonOptions,
+    MotionSetup,
+    Options,
+    check_scene,
+    numbers_in_steps,
+    prepare,
+)
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
+from fx_beam.step.fitted_rates import Arrays
 from fx_beam.step.full_turns import TurnCounter
-from fx_beam.step.model import Model
+from fx_beam.step.model import Model, fact, massless_dofs
+from fx_beam.step.newton import newton
 from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.state_vector import energy_of
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
-from .variables import Variables, slope
+# -- Variables of a state in periodic motions: positions, rates and what steps remember ---------
+
+
+_Value = TypeVar("_Value", float, np.ndarray)
+# Change of variables in differences of the energy.
+_STEP = 1e-6
+
+
+class Directions(NamedTuple):
+    """Changes of a state, one for each of its variables, in units of their scales."""
+
+    #: Changes (n, ...) of what steps read, by name.
+    changes: dict[str, np.ndarray]
+    #: Changes (rows, n) in the order of `Variables.rows_of`, over the scales.
+    matrix: np.ndarray
+    #: Numbers (n,) of the rows that are variables; others follow to close loops.
+    independent: np.ndarray
+    scale: np.ndarray
+
+
+class Variables:
+    """The variables of the states of a model; errors name the `caller`."""
+
+    def __init__(self, model: Model, caller: str):
+        self.model, self._what = model, caller
+        fixed = [3 * node + i for node, i in model.scene.fixed]
+        #: Rates that steps keep: of what has mass and moves.
+        self._rates = np.setdiff1d(np.flatnonzero(~fact(model, massless_dofs)), fixed)
+
+    @property
+    def count(self) -> int:
+        """Number of rows of a state."""
+        return self.movable + sum(self.inside.values())
+
+    @property
+    def remembers(self) -> bool:
+        """Whether steps depend on earlier ones: by the scheme, or by friction of joints."""
+        return self.model.forms.keeps_previous or len(self.model.points.normal_forces) > 0
+
+    @property
+    def are_rates(self) -> np.ndarray:
+        """Flags (rows,) of the rows of a state that are rates."""
+        rows = np.arange(self.count)
+        return (rows >= self.model.reduction.free) & (rows < self.movable)
+
+    @property
+    def movable(self) -> int:
+        """Number of rows of positions and rates."""
+        return self.model.reduction.free + len(self._rates)
+
+    def rows_of(self, state: State) -> np.ndarray:
+        """Positions, rates and what steps remember of a state, in one row."""
+        remembered = {name: _remembered(state, name).ravel() for name in self.inside}
+        return self.rows(vars(state) | remembered, remembered)
+
+    def rows(self, arrays: Arrays, remembered: Iterable[str]) -> np.ndarray:
+        """Rows (..., rows) from arrays by name, with some of what steps remember."""
+        y = self.model.couplings.unknowns(arrays["q"], arrays["slides"])
+        parts = [y, arrays["v"][..., self._rates], *(arrays[name] for name in remembered)]
+        return np.concatenate(parts, axis=-1)
+
+    def scales(self, state: State, period: float) -> np.ndarray:
+        """Units of the rows: of the scene, and of rates in a period."""
+        model = self.model
+        rates = 2 * np.pi / period * model.units.nodes[self._rates]
+        units = {name: np.ones(size) for name, size in self.inside.items()}
+        if model.forms.keeps_previous:
+            units["q previous"] = model.units.nodes
+        if len(model.points.normal_forces):  # forces are large
+            units["spring internal"] = np.maximum(1.0, abs(_remembered(state, "spring internal")))
+        return np.concatenate([model.units.unknowns, rates, *units.values()])
+
+    def directions(self, state: State, length: float) -> Directions:
+        """Changes of all variables at a state, which keep joints and loops closed."""
+        model, reduction = self.model, self.model.reduction
+        reduction.set_start(state.q, state.slides)
+        if reduction.singularity:
+            raise SceneError(f"{self._what}: {reduction.singularity}. Start from another state")
+        free, scale = reduction.free, self.scales(state, length)
+        independent = np.concatenate([reduction.independent, np.arange(free, len(scale))])
+        y, n = len(reduction.independent), len(independent)
+        matrix = np.zeros((len(scale), n))
+        columns = reduction.maps.dependence_matrix().toarray()[:free, independent[:y]]
+        columns = columns * scale[independent[:y]]
+        matrix[:free, :y], matrix[independent[y:], np.arange(y, n)] = columns, scale[free:]
+        rows = matrix.T
+        changes = {"slides": model.couplings.free_slides(rows[:, :free], model.scene.joint_count)}
+        changes["v"] = np.zeros((n, model.size))
+        changes["v"][:, self._rates] = rows[:, free : self.movable]
+        first = self.movable
+        for name, size in self.inside.items():
+            changes[name], first = rows[:, first : first + size], first + size
+        spread = reduction.maps.coupling()[:, independent[:y]].toarray() * scale[independent[:y]]
+        changes["q"] = np.vstack([spread.T, np.zeros((n - y, model.size))])
+        return Directions(changes, matrix / scale[:, None], independent, scale)
+
+    @property
+    def inside(self) -> dict[str, int]:
+        """Numbers of what steps remember, by their names in the layout.
+
+        Internal variables of members and of springs, and the configuration a step before.
+        """
+        members, springs = int(np.prod(self.model.forms.internal_shape)), self.model.points.width
+        previous = self.model.size * self.model.forms.keeps_previous
+        sizes = {"internal": members, "spring internal": springs, "q previous": previous}
+        return {name: size for name, size in sizes.items() if size}
+
+    def closing(self, state: State, gaps: np.ndarray) -> dict[str, np.ndarray]:
+        """Changes (m, ...) by name of the unknowns that close gaps (m, closures) of loops."""
+        model, reduction = self.model, self.model.reduction
+        reduction.set_start(state.q, state.slides)
+        assert (loops := reduction.loops) is not None
+        y, following = np.zeros((len(gaps), reduction.free)), reduction.following
+        G = reduction.maps.closure_derivatives()[:, reduction.joints.configuration.following]
+        closing = -scipy.sparse.linalg.splu(G.tocsc()).solve((gaps * loops.lengths).T)
+        y[:, following] = closing.T * loops.unit[following]
+        q, (columns, dofs, _, _) = np.zeros((len(gaps), model.size)), model.couplings.free_columns
+        q[:, dofs] = y[:, columns]
+        return {"q": q, "slides": model.couplings.free_slides(y, model.scene.joint_count)}
+
+    def moved(self, state: State, directions: Directions, amounts: np.ndarray) -> State:
+        """The state after a change of its variables: amounts (n,) of the directions."""
+        y = (directions.matrix @ amounts * directions.scale)[: self.model.reduction.free]
+        changed = {"v": state.v + amounts @ directions.changes["v"]}
+        for name in self.inside:
+            values = _remembered(state, name)
+            change = (amounts @ directions.changes[name]).reshape(values.shape)
+            changed[name.replace(" ", "_")] = values + change
+        return self.shifted(state, y).changed(**changed)
+
+    def shifted(self, state: State, y: np.ndarray) -> State:
+        """The state after a change of its unknowns (free,)."""
+        model, reduction = self.model, self.model.reduction
+        reduction.set_start(state.q, state.slides)
+        q = state.q + reduction.increment(y, np.zeros(reduction.driven))
+        slides = state.slides + model.couplings.free_slides(y, model.scene.joint_count)
+        return state.changed(q=q, slides=slides)
+
+    def energy(self, state: State) -> float:
+        """Energy of scene and constant loads, zero in the reference configuration [J]."""
+        energy, loads = energy_of(self.model, state), self.model.data.loads
+        return energy - float(loads.sum_at(0.0) @ state.q) if loads.constant else energy
+
+    def slope_of_energy(self, state: State, directions: Directions) -> np.ndarray:
+        """Derivatives (n,) of the energy along directions, by differences."""
+
+        def derivative(unit: np.ndarray) -> float:
+            return slope(lambda x: self.energy(self.moved(state, directions, x * unit)), _STEP)
+
+        return np.array([derivative(unit) for unit in np.eye(directions.matrix.shape[1])])
+
+
+def slope(function: Callable[[float], _Value], h: float) -> _Value:
+    """The derivative at zero, by a central difference."""
+    low, high = function(-h), function(h)
+    return (high - low) / (2 * h)
+
+
+def _remembered(state: State, name: str) -> np.ndarray:
+    """An array that steps remember, by its name in the layout; before a first step q is at rest."""
+    values = getattr(state, name.replace(" ", "_"))
+    return state.q if values is None else values
+
+
+# -- The state after a period as a function of that before, and its derivatives (monodromy matrix)
+
 
 #: Longest step along a family by default.
 STEP = 0.25
@@ -316,3 +492,253 @@ def nearest_return(rows: np.ndarray) -> float | None:
     k = least[close][0]
     below, least_square, above = apart[k - 1 : k + 2] ** 2
     return float(k + (below - above) / (2 * (below - 2 * least_square + above)))
+
+
+# -- Periodic motions by Newton's method, with a damping that fades (Levenberg and Marquardt) ---
+
+
+_log = logging.getLogger("fx_beam")
+
+# The damping at the begin, its factors after a success and a failure, and the largest one.
+_DAMPED, _LESS, _MORE, _LARGEST = 0.1, 0.1, 10.0, 1e6
+# Singular values of the equations that are round-off, relative to the largest.
+_ROUNDING = 1e-13
+# Growth of changes in a period above which they say nothing about the next state.
+_USEFUL = 1e9
+# Gaps that are round-off, in units of the scene.
+_LOST = 1e-14
+#: Gaps, relative to the motion, that are round-off if they have not halved in so many iterations.
+ROUND_OFF, _IDLE = 1e-6, 4
+# Largest change of the parameter's logarithm in an iteration.
+_FAR = 3.0
+
+
+class Condition(NamedTuple):
+    """An equation besides the gap of the period: where a motion begins, or its energy."""
+
+    #: What a motion misses.
+    error: Callable[[Period], float]
+    #: Derivatives (n + 1,) of it by the directions at the start, and by the parameter's logarithm.
+    slopes: Callable[[Period, Directions], np.ndarray]
+
+
+class Closed(NamedTuple):
+    """A periodic motion, and its equations."""
+
+    period: Period
+    directions: Directions
+    #: Derivatives (rows, n) of the states after a period and after one step.
+    monodromy: np.ndarray
+    first_step: np.ndarray
+    #: Derivatives (rows, n + 1) of the gap, and of the phase of a free motion.
+    equations: np.ndarray
+    iterations: int = 0
+    #: How far its ends are apart, relative to the motion, if round-off leaves more than allowed.
+    left_over: float = 0.0
+
+
+class NotClosed(RuntimeError):
+    """No periodic motion was found."""
+
+
+def _on_its_way(period: Period, directions: Directions) -> np.ndarray:
+    row = np.append(period.way @ directions.matrix, 0.0)
+    return row / np.linalg.norm(row)
+
+
+#: That the state does not change along the motion, which only shifts a free motion in time.
+NO_SHIFT = Condition(lambda period: 0.0, _on_its_way)
+
+
+def plane(
+    shooting: Shooting,
+    scale: np.ndarray,
+    normal: np.ndarray,
+    place: np.ndarray | float = 0.0,
+    parameter: float = 1.0,
+) -> Condition:
+    """Condition for a start in a plane through the rows of a place, over scales, and a parameter.
+
+    The last entry of its normal (rows + 1,) is for the parameter's logarithm.
+    """
+
+    def error(period: Period) -> float:
+        rows = (shooting.variables.rows_of(period.start) - place) / scale
+        return float(normal @ np.append(rows, np.log(period.parameter / parameter)))
+
+    def slopes(period: Period, directions: Directions) -> np.ndarray:
+        rows = directions.matrix * (directions.scale / scale)[:, None]
+        return np.append(normal[:-1] @ rows, normal[-1])
+
+    return Condition(error, slopes)
+
+
+def turning_point(shooting: Shooting, goal: Period) -> Condition:
+    """Condition for a start where the speed turns: at rest, if the motion returns on its way.
+
+    The direction of the acceleration there is that of the motion it should be like.
+    """
+    way = np.where(shooting.variables.are_rates, goal.way, 0.0) / np.linalg.norm(goal.way)
+    return plane(shooting, shooting.variables.scales(goal.start, goal.length), np.append(way, 0.0))
+
+
+def _with_equations(
+    shooting: Shooting, period: Period, phase: Condition | None, varies: bool
+) -> Closed:
+    directions = shooting.variables.directions(period.start, period.length)
+    slopes = shooting.slopes(directions.changes, period)
+    growth = abs(slopes[0]).max()
+    if growth > _USEFUL:
+        raise SceneError(
+            f"{shooting.what}: changes of the state grow {growth:.1e} times in a period: the "
+            "motion is chaotic, or strikes. Give the scene damping, or take another start"
+        )
+    column = shooting.parameter_slope(period) if varies else np.zeros(len(period.gap))
+    matrix = np.column_stack([slopes[0] - directions.matrix, column])
+    # What is remembered and does not change, such as plastic strain, is no unknown.
+    independent = directions.independent
+    constant = (independent >= shooting.variables.movable) & ~matrix[independent].any(axis=1)
+    matrix[:, np.flatnonzero(constant)] = 0.0
+    if phase is not None:
+        matrix = np.vstack([matrix, phase.slopes(period, directions)])
+    return Closed(period, directions, *slopes, matrix)
+
+
+def at_rest(shooting: Shooting, start: State, parameter: float) -> Closed | None:
+    """A scene that stays where it is over a period; None if it moves."""
+    period = shooting.run(start, parameter)
+    return None if period.moves else _with_equations(shooting, period, None, False)
+
+
+def close(
+    shooting: Shooting,
+    start: State,
+    parameter: float,
+    phase: Condition | None,
+    conditions: tuple[Condition, ...] = (),
+    varies: bool = True,
+    most: int = 39,
+    damping: float = _DAMPED,
+) -> Closed:
+    """The periodic motion near a state; free motions need a `phase`, where they begin.
+
+    The parameter `varies`, or is held. Near the motion no `damping` is needed. NotClosed if there
+    is none, or StepError.
+    """
+    search = _Search(shooting, phase, conditions, varies, damping)
+    period = shooting.run(start, parameter)
+    search.accept(period, search.error_of(period))
+    search.best = search.error
+    iterations, ended_by = 0, "increment"
+    if search.error > search.allowed:
+        iterations, ended_by = newton(search.correct, 1.0, most)
+    if not ended_by:
+        raise search.failure()
+    left_over = search.error if search.error > search.allowed else 0.0
+    return search.closed._replace(iterations=iterations, left_over=left_over)
+
+
+@dataclass
+class _Search:
+    """Newton's method from motion to motion. A damping grows where a correction does not help."""
+
+    shooting: Shooting
+    phase: Condition | None
+    conditions: tuple[Condition, ...]
+    varies: bool
+    damping: float
+    #: Number of corrections, the least error, and corrections since it was last halved.
+    tries: int = 0
+    best: float = np.inf
+    idle: int = 0
+
+    def accept(self, period: Period, error: float) -> None:
+        """Go on from a motion over a period, with its error."""
+        #: How far the ends of the motion are apart, relative to its size, and what is allowed.
+        self.period, self.error = period, error
+        self.allowed = max(self.shooting.options.tolerance, _LOST / period.size)
+        #: The motion with its equations.
+        self.closed = _with_equations(self.shooting, period, self.phase, self.varies)
+
+    def _missing(self, period: Period) -> np.ndarray:
+        """The gap of a motion, and how far it is from the conditions."""
+        conditions = self.conditions if self.phase is None else (self.phase, *self.conditions)
+        return np.append(period.gap, [condition.error(period) for condition in conditions])
+
+    def error_of(self, period: Period) -> float:
+        """How far the ends of a motion are apart, relative to it; NotClosed if it comes to rest."""
+        missing = float(np.linalg.norm(self._missing(period)))
+        if not period.moves or not np.isfinite(missing):
+            raise NotClosed(
+                f"{self.shooting.what}: the scene is at rest, or comes to rest. Start from a "
+                "motion that goes on"
+            )
+        return missing / period.size
+
+    def correct(self) -> tuple[float, bool]:
+        """The least error so far, over what is allowed, and whether round-off leaves it."""
+        shooting, period, directions = self.shooting, self.period, self.closed.directions
+        self.tries += 1
+        rows = [condition.slopes(period, directions) for condition in self.conditions]
+        solve = _damped(np.vstack([self.closed.equations, *rows]), self.damping)
+        step = solve(self._missing(period))
+        try:
+            if abs(step[-1]) > _FAR:
+                raise NotClosed("the period changes too much")
+            start = shooting.variables.moved(period.start, directions, step[:-1])
+            new = shooting.run(start, period.parameter * np.exp(step[-1]))
+            error, rest = self.error_of(new), solve(self._missing(new))
+            # In stiff scenes the gap may grow on the way to a solution, what is left of steps not.
+            better = bool(np.linalg.norm(rest) < np.linalg.norm(step))
+        except (StepError, NotClosed):
+            better = False
+        if better:
+            self.accept(new, error)
+            self.damping *= _LESS
+        else:
+            self.damping = _MORE * max(self.damping, 1e-8)
+        if self.damping > _LARGEST:
+            raise self.failure()
+        halved = self.error < self.best / 2
+        self.best, self.idle = (self.error, 0) if halved else (self.best, self.idle + 1)
+        size = self.error if self.error <= self.allowed else self.best
+        return size / self.allowed, self.idle >= _IDLE and self.error < ROUND_OFF
+
+    def failure(self) -> NotClosed:
+        """Error of a search that found no periodic motion."""
+        advice = ""
+        if self.error < 1e-3:
+            tolerance = f"{2 * self.error:.0e}"
+            advice = f". If that is near enough, as with round-off, give tolerance = {tolerance}"
+        return NotClosed(
+            f"{self.shooting.what}: no periodic motion was found in {self.tries} iterations: the "
+            f"state after a period is still {self.error:.1e} of the motion away from that "
+            f"before{advice}"
+        )
+
+
+def least_squares(matrix: np.ndarray, sides: np.ndarray) -> np.ndarray:
+    """The shortest x (n, ...) with the least matrix x - sides, where round-off is zero."""
+    return scipy.linalg.lstsq(matrix, sides, _ROUNDING, lapack_driver="gelsy")[0]
+
+
+def _damped(matrix: np.ndarray, damping: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Gives the step for a gap."""
+    n = matrix.shape[1]
+    damped = np.vstack([matrix, damping * np.eye(n)])
+
+    def solve(gap: np.ndarray) -> np.ndarray:
+        return least_squares(damped, np.append(-gap, np.zeros(n)))
+
+    return solve
+
+
+def warn_of_round_off(shooting: Shooting, left_over: Sequence[float]) -> None:
+    """Warn once of motions whose gap round-off leaves larger than allowed; others have 0."""
+    if count := np.count_nonzero(left_over):
+        among = f". So it is in {count} of {len(left_over)} motions" * (len(left_over) > 1)
+        _log.warning(
+            "%s: round-off leaves the state after a period %.1e of the motion away from that "
+            "before, where tolerance = %g; a larger tolerance says that this will do%s",
+            *(shooting.what, max(left_over), shooting.options.tolerance, among),
+        )

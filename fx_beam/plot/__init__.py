@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fx_beam.other_names import answering_keywords
+from fx_beam.errors import answering_keywords
 
 from . import backend  # noqa: F401  # before all that draws
 from .animations import animate
@@ -18,10 +18,9 @@ from .charts import (
     style,
 )
 from .drawing import axis
-from .force_diagrams import diagrams
 from .live_page import LiveView, live
 from .scene_drawing import scene
-from .shape_pictures import modes, shapes
+from .shape_pictures import diagrams, modes, shapes
 
 __all__ = ["LiveView", "Page", "animate", "axis", "curves", "diagrams", "equilibrium_paths"]
 __all__ += ["figure", "frequency_response", "interactive", "live", "modes", "quantities"]

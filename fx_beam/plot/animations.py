@@ -16,15 +16,29 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from fx_beam.errors import check_takes, is_whole, require
-from fx_beam.results.files import replacing, writable
+from fx_beam.results.export import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
-from .drawing import Drawing, checked_drawing, headings, say_if_too_small, words_over
+from .drawing import (
+    LARGEST,
+    Drawing,
+    Plane,
+    checked_drawing,
+    headings,
+    say_if_too_small,
+    words_over,
+)
 from .look import Colour, Look, Pen, Theme, theme_of
-from .members import DrawnMembers, colours_of, draw_members
-from .sheet import LARGEST, Plane
-from .symbols import checked_marks, draw_forces, draw_held, draw_moving
+from .symbols import (
+    DrawnMembers,
+    checked_marks,
+    colours_of,
+    draw_forces,
+    draw_held,
+    draw_members,
+    draw_moving,
+)
 
 
 def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:

@@ -13,19 +13,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fx_beam.errors import real_array, require
-from fx_beam.results.fields import RESULTANTS, along_all
-from fx_beam.results.files import of_numpy, replacing, writable
+from fx_beam.results.export import of_numpy, replacing, writable
+from fx_beam.results.member_fields import RESULTANTS, along_all
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, arc_lengths
-from fx_beam.scene.ground_springs import GroundSpring
+from fx_beam.scene.forces_between import GroundSpring
 from fx_beam.scene.parts import Parts
 from fx_beam.scene.section import has_stresses
 
-from .drawing import Drawing, axis, checked_drawing, line_between, time_unit, words_over
+from .drawing import Drawing, Outline, axis, checked_drawing, line_between, time_unit, words_over
 from .look import MEMBERS, THEMES
-from .members import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
-from .outlines import Outline
-from .symbols import is_a_rope, marks_of, supports_of
+from .symbols import (
+    SEQUENTIAL,
+    SIGNED,
+    WORDS,
+    hexadecimal,
+    is_a_rope,
+    is_signed,
+    marks_of,
+    supports_of,
+    unit_of,
+)
 
 _TEMPLATE = Path(__file__).with_suffix(".html")
 _ROWS = 200  # that are shown if none are named

@@ -13,7 +13,7 @@ from matplotlib.rcsetup import cycler
 from numpy.typing import ArrayLike
 
 from fx_beam.errors import array_of, check_takes, is_number, is_whole, positive, real_array, require
-from fx_beam.results.files import replacing, writable
+from fx_beam.results.export import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
 from fx_beam.scene.beam import Node

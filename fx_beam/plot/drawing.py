@@ -1,28 +1,131 @@
-"""A solution as pictures show it: positions in some rows, the window, and sizes of symbols."""
+"""A solution as pictures show it: positions, window, outlines, and the axes in which it lies."""
 
 from __future__ import annotations
 
+import io
 import itertools
 import logging
 import math
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from fx_beam.errors import SceneError, is_name, is_whole, positive, real_array, require
-from fx_beam.results.contact_gaps import nodes_of
-from fx_beam.results.fields import nodes_of_elements
+from fx_beam.results.export import replacing, writable
+from fx_beam.results.joint_and_contact_motion import nodes_of
+from fx_beam.results.member_fields import nodes_of_elements
 from fx_beam.results.solution import Solution, forces_on_nodes, parts_in
-from fx_beam.scene.beam import Node, lagrange, lagrange_and_slopes
-from fx_beam.scene.forces_between import FixedPoint, ForceBetween
+from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
+from fx_beam.scene.contacts import Circle, Shape
+from fx_beam.scene.forces_between import FixedPoint, ForceBetween, GroundSpring
 from fx_beam.scene.gears import Gear
-from fx_beam.scene.ground_springs import GroundSpring
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.parts import Parts
 
-from .outlines import Obstacles, turn
+from .look import Look, Theme
+
+# -- Outlines of obstacles: lines, and on which side of them is what is not allowed -------------
+
+
+# How far lines go beyond the nearest positions, as a fraction of the scene's size. An obstacle
+# farther away than the size is not drawn.
+_BEYOND = 0.1
+
+
+class Outline(NamedTuple):
+    """A line, and the side that is not allowed."""
+
+    #: Points (n, 2) of the line, and unit vectors (n, 2) into the obstacle.
+    line: np.ndarray
+    sides: np.ndarray
+    #: Whether it is a disc.
+    is_disc: bool = False
+
+    def moved(self, position: np.ndarray, angle: float) -> Outline:
+        """Turned by an angle about the origin, which is then moved to a position."""
+        matrix = turn(angle)
+        return Outline(self.line @ matrix + position, self.sides @ matrix, self.is_disc)
+
+
+def turn(angle: float) -> np.ndarray:
+    """Matrix (2, 2) that turns rows by an angle."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, s], [-s, c]])
+
+
+def outline(shape: Shape, positions: np.ndarray, size: float) -> Outline:
+    """The outline of a fixed shape that reaches past some positions."""
+    line, sides = shape.outline(positions, size, _BEYOND * size)
+    is_disc = isinstance(shape, Circle) and shape.side > 0 and shape.radius <= size
+    return Outline(line, sides, is_disc)
+
+
+def interpolated(places: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (m, 2) at places (m,), interpolated between values (n, 2) at s (n,)."""
+    return np.column_stack([np.interp(places, s, column) for column in values.T])
+
+
+class Obstacles:
+    """Outlines of obstacles in each row of a `Drawing`: fixed ones that are near, and carried."""
+
+    def __init__(self, drawing):
+        self._drawing = drawing
+        # Outlines of fixed shapes, and of carried ones relative to their nodes.
+        self._outlines: dict[Shape, Outline | None] = {}
+        for parts, places in drawing.stretches:
+            for contact in parts.contacts:
+                shape = contact.shape
+                if not isinstance(shape, Beam) and shape not in self._outlines:
+                    rows = [drawing.rows[i] for i in places]
+                    self._outlines[shape] = self._outline(shape, contact.target, rows)
+
+    def _outline(self, shape: Shape, target, rows: list[int]) -> Outline | None:
+        """Outline of a shape; none of a fixed one that is far away."""
+        drawing = self._drawing
+        if shape.carrier is None:
+            near = abs(shape.gap(drawing.points)).min() <= drawing.reach
+            return outline(shape, drawing.points, drawing.reach) if near else None
+        # What touches in all rows, relative to the node and its section, and the node itself.
+        carrier, point_lists = shape.carrier.number, [np.zeros((1, 2))]
+        nodes = nodes_of(drawing.solution.nodes_of_beam, target)
+        for k in rows:
+            arms = drawing.positions(nodes, k) - drawing.positions(carrier, k)
+            point_lists.append(arms @ turn(-drawing.angle(carrier, k)))
+        return outline(shape.at((0.0, 0.0)), np.concatenate(point_lists), drawing.reach)
+
+    def fixed(self, parts: Parts) -> list[Outline]:
+        """Outlines of the fixed obstacles of a scene."""
+        return [outline for shape, outline in self._of(parts) if shape.carrier is None]
+
+    def carried(self, parts: Parts, k: int) -> list[Outline]:
+        """Outlines of the obstacles that nodes carry, in row k."""
+        drawing = self._drawing
+        return [
+            outline.moved(drawing.positions(node.number, k), drawing.angle(node.number, k))
+            for shape, outline in self._of(parts)
+            if (node := shape.carrier) is not None
+        ]
+
+    def all(self, k: int) -> list[Outline]:
+        """All outlines of row k."""
+        parts = self._drawing.parts(k)
+        return self.fixed(parts) + self.carried(parts, k)
+
+    def _of(self, parts: Parts) -> list[tuple[Shape, Outline]]:
+        shapes = dict.fromkeys(contact.shape for contact in parts.contacts)
+        known = ((s, self._outlines[s]) for s in shapes if s in self._outlines)
+        return [(shape, line) for shape, line in known if line is not None]
+
+
+# -- A solution as pictures show it: positions in some rows, the window, and sizes of symbols ---
+
 
 _log = logging.getLogger("fx_beam")
 T = TypeVar("T")
@@ -424,3 +527,162 @@ def say_if_too_small(drawing: Drawing) -> None:
     if drawing.magnify == 1 and 0 < moved < _TINY * drawing.size:
         factor = 10 ** int(np.log10(0.05 * drawing.size / moved))
         _log.warning("the largest displacement is %.1g: magnify=%g would show it", moved, factor)
+
+
+# -- Figures: axes over a drawing or in rows and columns, and files -----------------------------
+
+
+#: Endings of files.
+PICTURES = sorted(FigureCanvasAgg.filetypes)
+#: Width and height up to which a picture is drawn [inch].
+LARGEST = 7.0, 5.6
+# Around the axes: left, below, right, above; and what a colour bar needs beside or below them.
+_BORDER, _BESIDE, _BELOW = (0.62, 0.45, 0.12, 0.12), 1.0, 0.75
+_TITLE, _LONG = 0.18, 36  # height of a line of a title [inch], and letters that may need two
+_NARROW = 2.4  # width of the axes that a title needs [inch]
+_LOW = 2.2  # height of the axes up to which the colour bar lies below them [inch]
+
+
+class Picture(Figure):
+    """A figure that notebooks show."""
+
+    def _repr_png_(self) -> bytes:
+        file = io.BytesIO()
+        self.savefig(file, format="png", dpi=150)
+        return file.getvalue()
+
+
+class Plane:
+    """Axes over the window of a drawing.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        What is drawn.
+    theme : Theme
+        The colours.
+    bar : bool
+        Whether there is a colour bar.
+    title : str
+        What is written over the axes.
+    size : (float, float), optional
+        Width and height [inch], which the axes fill; by default as large as the window asks for.
+    room : float
+        Around what is drawn, for symbols and labels [points].
+    is_framed : bool
+        Whether the axes have a frame with numbers.
+    """
+
+    def __init__(
+        self,
+        drawing: Drawing,
+        theme: Theme,
+        bar: bool = False,
+        title: str = "",
+        size: tuple[float, float] | None = None,
+        room: float = 30.0,
+        is_framed: bool = True,
+    ):
+        low, high = drawing.corners
+        whole, margin = np.array(LARGEST if size is None else size), 2 * room / 72
+        extent = high - low
+        for is_below in (False, True) if bar else (False,):
+            left, bottom, right, top = _BORDER if is_framed else (0.05,) * 4
+            left += room_for_ticks(low[1], high[1]) if is_framed else 0.0
+            if title or (size and is_framed):
+                top += _TITLE * (1 + (len(title) > _LONG))
+            right, bottom = right + _BESIDE * (bar and not is_below), bottom + _BELOW * is_below
+            space = whole - (left + right, bottom + top)
+            # Length in the drawing of an inch.
+            inch = max(extent / np.maximum(space - margin, 0.3 * space)) or drawing.reach / 2
+            inner = np.minimum(extent / inch + margin, space)
+            if is_below or inner[1] > _LOW:
+                break
+        if size is not None:
+            inner = space
+        inner = np.maximum(inner, np.minimum((_NARROW, 0.25 * inner[0]), space))
+        middle = (low + high) / 2
+        low, high = middle - inch * inner / 2, middle + inch * inner / 2
+        whole = inner + (left + right, bottom + top)
+        self.figure = Picture(tuple(whole), facecolor=theme.paper)
+        corner = np.array([left, bottom])
+        self.ax: Any = self.figure.add_axes((*(corner / whole), *(inner / whole)))
+        self.ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        if is_framed:
+            self.ax.set(xlabel=f"$x$ [{drawing.unit}]", ylabel=f"$y$ [{drawing.unit}]")
+            # A power of ten of the numbers stands above them, and not where the time is written.
+            self.ax.yaxis.get_offset_text().set_horizontalalignment("right")
+            self.ax.locator_params(axis="x", nbins=max(2, int(inner[0] / 0.7)))
+            self.ax.locator_params(axis="y", nbins=max(2, int(inner[1] / 0.5)))
+        else:
+            self.ax.set_axis_off()
+        theme.dress(self.ax)
+        self._theme, self._bar_below = theme, bar and is_below
+        start = (left, 0.5) if self._bar_below else (left + inner[0] + 0.12, bottom)
+        sides = (inner[0], 0.14) if self._bar_below else (0.14, inner[1])
+        self._bar_place = (*(np.array(start) / whole), *(np.array(sides) / whole))
+        if title and size is None:
+            lines = textwrap.fill(title, max(20, int(15 * inner[0])))
+            self.ax.set_title(lines, fontsize=9, pad=4)
+
+    def draw_bar(self, scale, **look):
+        """Draw the colour bar of a scale."""
+        cax = self.figure.add_axes(self._bar_place)
+        side = "horizontal" if self._bar_below else "vertical"
+        bar = self.figure.colorbar(scale, cax=cax, orientation=side, **look)
+        self._theme.dress(cax)
+        return bar
+
+
+def room_for_ticks(low: float, high: float) -> float:
+    """Width that numbers on an axis need beyond five characters [inch]."""
+    step = np.diff(MaxNLocator(10).tick_values(low, high))[0]
+    decimals = max(0, -math.floor(math.log10(step))) + 1
+    digits = max(len(f"{value:.{decimals}f}") for value in (low, high))
+    return 0.075 * max(0, digits - 6)
+
+
+def picture(path: Path | str | None) -> Path | None:
+    """The path of a picture, if there is one; raises an error if it cannot be written."""
+    return None if path is None else writable(path, PICTURES)
+
+
+def written(figure: Figure, path: Path | None, is_cut: bool = False) -> Figure:
+    """A figure, written into a file if there is a path; what is empty around it may be cut."""
+    if path is not None:
+        with replacing(path) as new:
+            cut: Look = {"bbox_inches": "tight", "pad_inches": 0.1} if is_cut else {}
+            figure.savefig(new, dpi=200, **cut)
+    return figure
+
+
+def panels(
+    count: int, extent: np.ndarray, theme: Theme, room: float, title: float = 18.0
+) -> tuple[Picture, list[Any], float]:
+    """A figure with panels over an extent each, and the length of a point in the drawing.
+
+    Around each there is some room, and above it that of a title [points]. The panels are as large
+    as they can be, with few empty places.
+    """
+
+    def size(columns: int) -> tuple[float, np.ndarray]:
+        rows = -(-count // columns)
+        space = 72 * np.array(LARGEST) / (columns, rows) - (0, title)
+        point = max(extent / np.maximum(space - 2 * room, 0.2 * space))
+        return point, np.minimum(extent / point + 2 * room, space)
+
+    def worth(columns: int) -> float:
+        return np.prod(size(columns)[1]) * (count / (columns * -(-count // columns))) ** 2
+
+    columns = max(range(1, count + 1), key=worth)
+    rows, (point, panel) = -(-count // columns), size(columns)
+    whole = np.array([columns, rows]) * (panel + (0, title))
+    figure, axes = Picture(tuple(whole / 72), facecolor=theme.paper), []
+    for number in range(count):
+        row, column = divmod(number, columns)
+        corner = np.array([column * panel[0], whole[1] - (row + 1) * (panel[1] + title)])
+        ax: Any = figure.add_axes((*(corner / whole), *(panel / whole)))
+        ax.set_axis_off()
+        ax.title.set_color(theme.ink)
+        axes.append(ax)
+    return figure, axes, point

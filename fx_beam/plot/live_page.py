@@ -29,12 +29,11 @@ from fx_beam.errors import (
     require,
     vector,
 )
-from fx_beam.results.files import of_numpy
+from fx_beam.results.export import of_numpy
 
 from .drawing import Drawing
 from .look import Pen, theme_of
-from .members import draw_members
-from .symbols import draw_held, draw_moving
+from .symbols import draw_held, draw_members, draw_moving
 
 _log = logging.getLogger("fx_beam")
 _TEMPLATE = Path(__file__).with_suffix(".html")
@@ -58,7 +57,7 @@ class LiveView:
 
     def __init__(self, motion: Any, limits: Mapping[str, Any] | None, speed: float):
         self._ended = Event()
-        run = _Run(motion, limits, speed)
+        run = _PageRun(motion, limits, speed)
         page = _TEMPLATE.read_text("utf-8").replace("/* DATA */", _text(run.description()))
         path = f"/{secrets.token_urlsafe(16)}/"
         parts = {"run": run, "page": page, "path_of_page": path, "ended": self._ended}
@@ -147,7 +146,7 @@ def live(
     return LiveView(motion, limits, positive(speed, "live: speed"))
 
 
-class _Run:
+class _PageRun:
     """The motion of a page: what the page asks for, and what it draws."""
 
     def __init__(self, motion: Any, limits: Mapping[str, Any] | None, speed: float):
@@ -318,7 +317,7 @@ class _Handler(BaseHTTPRequestHandler):
     """Answers the page and its requests at the address with the token, and nothing else."""
 
     protocol_version = "HTTP/1.1"  # one connection for all pictures
-    run: _Run
+    run: _PageRun
     page: str
     path_of_page: str
     ended: Event

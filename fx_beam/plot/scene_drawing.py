@@ -16,20 +16,26 @@ from fx_beam.errors import SceneError, is_flag, require, shown
 from fx_beam.scene.beam import Beam, Node, position_of, reference_positions
 from fx_beam.scene.contacts import arc_of
 from fx_beam.scene.coordinate import Locked
-from fx_beam.scene.functions import Signal, SignalAlong
-from fx_beam.scene.inputs import InputSignal
-from fx_beam.scene.loads import Load, VirtualWork, label
+from fx_beam.scene.functions import InputSignal, Signal, SignalAlong
+from fx_beam.scene.loads import Load, PressureTerm, VirtualWork, label
 from fx_beam.scene.parts import Parts
-from fx_beam.scene.pressure import PressureTerm
 from fx_beam.scene.scene import Scene
 
-from .drawing import Drawing, axis, node_of, three_digits, with_unit, words_over
+from .drawing import (
+    Drawing,
+    Plane,
+    axis,
+    interpolated,
+    node_of,
+    picture,
+    three_digits,
+    with_unit,
+    words_over,
+    written,
+)
 from .labels import Labels
 from .look import ACTS, MEMBERS, Colour, Pen, left_of, mixed, theme_of, unit
-from .members import colours_of, draw_members
-from .outlines import interpolated
-from .sheet import Plane, picture, written
-from .symbols import draw_held, draw_moving, lumped_masses
+from .symbols import colours_of, draw_held, draw_members, draw_moving, lumped_masses
 
 # Lengths of arrows of forces, line loads and motions; radius of turns; beside a member [points].
 _FORCE, _LINE_LOAD, _MOTION, _TURN, _BESIDE = 32.0, 16.0, 24.0, 22.0, 7.0

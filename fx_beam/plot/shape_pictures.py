@@ -1,38 +1,67 @@
-"""Pictures of shapes: deformed ones of some rows, superposed, and modes, side by side."""
+"""Pictures of shapes: deformed ones, modes, and diagrams of section forces."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Area
 
-from fx_beam.errors import is_whole, require
-from fx_beam.results.buckling_modes import BucklingModes
+from fx_beam.errors import is_flag, is_one_of, is_whole, require
+from fx_beam.results.member_fields import RESULTANTS, along_all, in_rows
 from fx_beam.results.solution import Solution
-from fx_beam.results.vibrations import Modes, displaced
-from fx_beam.scene.beam import Node
+from fx_beam.results.vibrations import BucklingModes, Modes, displaced
+from fx_beam.scene.beam import Beam, BeamPlace, Node, arc_lengths
 
 from . import symbols
 from .backend import check_renderer
 from .drawing import (
     Drawing,
+    Picture,
+    Plane,
     checked_drawing,
+    checked_rows,
     headings,
+    interpolated,
+    line_between,
+    panels,
+    picture,
+    prefix_of,
     say_if_too_small,
+    spacing,
     three_digits,
     time_unit,
     words_over,
+    written,
 )
 from .labels import Labels
-from .look import Pen, Theme, mixed, theme_of
-from .members import SEQUENTIAL, DrawnMembers, colours_of, draw_members
-from .sheet import Plane, panels, picture, written
+from .look import ROPE, Look, Pen, Theme, left_of, mixed, theme_of
+from .symbols import (
+    SEQUENTIAL,
+    DrawnMembers,
+    colours_of,
+    draw_between,
+    draw_members,
+    draw_moving,
+    draw_pin,
+    draw_supports,
+    is_a_rope,
+    marks_of,
+    pull_of,
+    supports_of,
+    words_for,
+)
+
+# -- Pictures of shapes: deformed ones of some rows, superposed, and modes, side by side --------
+
 
 _MANY = 1000  # members above which their tubes have six sides
 
@@ -315,3 +344,416 @@ def _kind(modes: Modes, mode: int) -> str:
     ratio, frequency = modes.damping_ratios[mode], abs(modes.frequencies[mode])
     kind = "rigid" if modes.rigid[mode] else f"{three_digits(frequency)} Hz"
     return kind + (f",\nratio {three_digits(ratio)}" if ratio else "")
+
+
+# -- Diagrams of the axial force, the shear force and the bending moment along the members ------
+
+
+_WIDTH, _TALL = 7.0, 8.0  # of the picture, and the largest height [inch]
+_WIDE = 0.35  # height by width of a drawing below which panels lie below each other
+_TALLEST, _OVER = 0.17, 1.5  # of a diagram, by the size of the members and by their distance
+_ORDINATE = 30.0  # height of diagrams that lie below each other [points]
+_ROOM, _TITLE, _NAME = 24.0, 20.0, 72.0  # for numbers, a title above, a name beside [points]
+_SYMBOLS = 0.8  # size of symbols
+_DENSE = 10.0  # distance between members below which their lines are thinner [points]
+_PIECES, _FINE = 8, 64  # of an element, and where values are written
+_NAMED = 12  # members up to which each has its values written beside it
+# Solutions with the rows that are drawn.
+_Cases = list[tuple[Solution, list[int]]]
+# Values by the largest that are not written; differences below which one is; ends that are.
+_LEAST, _ALIKE, _END, _SAME, _CORNER = 0.03, 0.04, 0.15, 0.005, 12.0
+_KILO = 1e3  # from which largest value on numbers have a prefix
+
+
+def diagrams(
+    solution: Solution | Sequence[Solution],
+    path: Path | str | None = None,
+    row: int | None = None,
+    quantities: Sequence[str] = RESULTANTS,
+    deformed: bool = True,
+    scene_unit: str = "m",
+    title: str = "",
+    theme: str = "light",
+) -> Figure:
+    """Picture of the stress resultants along the members: a panel for N, Q and M each.
+
+    A value is drawn normal to the axis: N and Q to the left of the beam's direction if they are
+    positive, M on the side that is in tension. Negative areas are hatched; a jump at a force is a
+    line across the axis. Written are the largest and the smallest value of each member, and of each
+    part between supports, and values at its ends above 15 % of the largest of all; in frames of
+    more than 12 members only the extreme values of the frame. Ropes and springs between points have
+    their forces in the panel of N, a slack rope is dashed. Values follow from the balance of each
+    element, as `BeamResultants.at` has them: at a clamp they are the reaction, at a free end zero.
+
+    Of several solutions it is the envelope: largest and least values over all their rows, on the
+    members as they start. Beside a value is the number of the solution that gives it.
+
+    Parameters
+    ----------
+    solution : Solution or sequence of Solution
+        The motion, or the equilibria; or several load cases or motions of one scene.
+    path : str or path, optional
+        Picture to write; its ending gives the format.
+    row : int, optional
+        Row of `Solution.t`, by default the last. In a motion the values are means over the step
+        that ends there, see `Solution.t_level`. Left out of an envelope.
+    quantities : sequence of {"N", "Q", "M"}
+        The panels, from left to right, or one below the other if the scene is wide.
+    deformed : bool
+        Whether the diagrams stand on the deformed members, or on the members as they start.
+    scene_unit : str
+        Unit of length in which the scene is given, for labels; nothing is scaled.
+    title : str
+        What is written over the picture, before the time or load factor.
+    theme : {"light", "dark"}
+        Colours of the picture.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
+
+    Raises
+    ------
+    ValueError
+        For a row or quantities that the solution does not have, or one without beams.
+    """
+    path, colours = picture(path), theme_of(theme)
+    is_envelope = isinstance(solution, list | tuple)
+    cases = _cases_of(solution, row)
+    shown, (row, *_) = cases[0]
+    if not shown.beams:
+        raise ValueError("diagrams need beams, but the solution has none")
+    choice = [quantities] if isinstance(quantities, str) else quantities
+    names = list(choice) if isinstance(choice, Iterable) else []
+    ok = len(names) > 0 and all(is_one_of(name, RESULTANTS) for name in names)
+    require(ok, "quantities", quantities, f"some of {', '.join(RESULTANTS)}")
+    require(is_flag(deformed), "deformed", deformed, "True or False")
+    drawing = Drawing(shown, [row], float(deformed and not is_envelope), scene_unit)
+    times = headings(shown, shown.t_level[[row]])
+    if is_envelope:
+        times = [f"envelope of {len(cases)} solutions"]
+    elif shown.stats.static and times[0][-2:] == " 1":
+        times = []
+    words = words_over(drawing, title, times)
+    curves = _curves(drawing, cases, names, is_envelope)
+    layout = _layout(drawing, curves, bool(words))
+    figure = Picture(tuple(layout.whole / 72), facecolor=colours.paper)
+    labels = Labels(figure, colours)
+    for corner, name in zip(layout.corners, names, strict=True):
+        place = (*(corner / layout.whole), *(layout.panel / layout.whole))
+        ax: Any = figure.add_axes(place)
+        ax.set_axis_off()
+        half = layout.point * layout.panel / 2
+        left, low = layout.middle - half
+        right, top = layout.middle + half
+        ax.set(xlim=(left, right), ylim=(low, top))
+        panel = _Panel(ax, colours, drawing, len(cases), labels, layout.tallest)
+        described = panel.draw(name, curves[name])
+        if layout.is_wide:
+            beside: Look = {"va": "center", "ha": "center", "fontsize": 8, "color": colours.ink}
+            x, y = (corner + (_NAME / 2, layout.panel[1] / 2)) / layout.whole
+            figure.text(x, y, described.replace(" $", "\n$"), **beside)
+        else:
+            ax.set_title(described, fontsize=9, pad=3, color=colours.ink)
+    if words:
+        look = {"fontsize": 9, "va": "top", "color": colours.soft}
+        figure.suptitle(words, y=1 - 3 / layout.whole[1], **look)
+    labels.write()
+    return written(figure, path)
+
+
+def _cases_of(solution: Any, row: int | None) -> _Cases:
+    """A solution with its row, or several with all of theirs."""
+    if isinstance(solution, list | tuple):
+        ok = row is None and len(solution) > 0
+        require(ok, "row", row, "left out: an envelope is over all rows of one or more solutions")
+        return [(case, [*range(len(case.t))]) for case in solution if checked_rows(case)]
+    if row is None and isinstance(solution, Solution):
+        row = len(solution.t) - 1
+    return [(solution, checked_rows(solution, rows=[row]))]
+
+
+class _Layout(NamedTuple):
+    """Places of panels in a figure, all in points."""
+
+    is_wide: bool
+    #: Size (2,) of the figure and of a panel, and lower left corners of the panels.
+    whole: np.ndarray
+    panel: np.ndarray
+    corners: list[np.ndarray]
+    #: Middle (2,) of the window, length of a point, and of the tallest ordinate in the drawing.
+    middle: np.ndarray
+    point: float
+    tallest: float
+
+
+class _Curve(NamedTuple):
+    """Values along a beam, with both sides of jumps."""
+
+    #: Arc lengths (n,), points (n, 2) of the axis, unit vectors (n, 2) to positive values.
+    s: np.ndarray
+    points: np.ndarray
+    sides: np.ndarray
+    values: np.ndarray
+    #: Number (n,) of the solution that gives each value.
+    givers: np.ndarray
+
+
+# Curves by the names of the members; of an envelope the largest values and the least ones.
+_Curves = list[dict[str, _Curve]]
+
+
+def _layout(drawing: Drawing, curves: dict[str, _Curves], has_title: bool) -> _Layout:
+    """Panels in one row, or one below the other if the members are wide."""
+    count, over = len(curves), _TITLE * has_title
+    low, high = np.array([drawing.points.min(axis=0), drawing.points.max(axis=0)])
+    low, high = np.minimum(low, drawing.corners[0]), np.maximum(high, drawing.corners[1])
+    size = float(max(high - low)) or 1.0
+    tallest = min(_TALLEST * size, _OVER * spacing(drawing))
+    is_wide = (high - low)[1] < _WIDE * (high - low)[0]
+    columns, name = (1, _NAME) if is_wide else (count, 0.0)
+    rows, width, title = count // columns, 72 * _WIDTH / columns, _TITLE * (not is_wide)
+    if is_wide:  # the ordinates have a height in points
+        tallest = min(tallest, _ORDINATE * (high - low)[0] / (width - name - 2 * _ROOM))
+    for some in curves.values():
+        scale = tallest / (_largest(some) or 1.0)
+        every = (curve for known in some for curve in known.values())
+        tips = np.concatenate([c.points + scale * c.values[:, None] * c.sides for c in every])
+        low, high = np.minimum(low, tips.min(axis=0)), np.maximum(high, tips.max(axis=0))
+    extent, space = high - low, (72 * _TALL - over) / rows - title
+    point = max(extent / np.array([width - name - 2 * _ROOM, space - 2 * _ROOM]))
+    panel = np.array([width, extent[1] / point + 2 * _ROOM])
+    whole = np.array([columns * panel[0], rows * (panel[1] + title) + over])
+    step = panel + (0.0, title)
+    corners = [
+        np.array([i % columns * step[0], whole[1] - over - (i // columns + 1) * step[1]])
+        for i in range(count)
+    ]
+    middle = (low + high) / 2 - (name / 2 * point, 0.0)
+    return _Layout(is_wide, whole, panel, corners, middle, point, tallest)
+
+
+def _largest(curves: _Curves) -> float:
+    """Largest size of all values."""
+    return max(float(abs(curve.values).max()) for known in curves for curve in known.values())
+
+
+def _curves(
+    drawing: Drawing, cases: _Cases, names: list[str], is_envelope: bool
+) -> dict[str, _Curves]:
+    """Values along each member by quantities: fine where they are written or jump inside."""
+    beams, (row,) = drawing.solution.beams, drawing.rows
+    fractions = np.linspace(0, 1, _PIECES + 1)
+    values = [along_all(case, names, rows, fractions) for case, rows in cases]
+    alike = len({part[names[0]].shape[1:] for part in values}) == 1
+    require(alike, "solution", cases, "solutions of scenes with equal members")
+    numbers = np.repeat(np.arange(len(cases)), [len(rows) for _, rows in cases])
+    points = drawing.along_elements(row, _PIECES)
+    left = left_of(np.gradient(points, axis=1))
+    left /= np.linalg.norm(left, axis=-1, keepdims=True)
+    ends = np.cumsum([beam.elements for beam in beams.values()]).tolist()
+    places = (load.target for load in drawing.parts(row).loads)
+    jumping = {place.beam.name for place in places if isinstance(place, BeamPlace)} & {*beams}
+    picks = (np.argmax, np.argmin) if is_envelope else (np.argmax,)
+    curves: dict[str, _Curves] = {}
+    for name, pick in itertools.product(names, picks):
+        known = dict[str, _Curve]()
+        curves.setdefault(name, []).append(known)
+        picked, givers = _picked([part[name] for part in values], numbers, pick)
+        for (beam_name, beam), end in zip(beams.items(), ends, strict=True):
+            own = slice(end - beam.elements, end)
+            s = arc_lengths(beam, fractions).ravel() if len(beams) <= _NAMED else np.empty(0)
+            side = -left[own] if name == "M" else left[own]
+            arrays = points[own], side, picked[own], givers[own]
+            known[beam_name] = _Curve(s, *(a.reshape(-1, *a.shape[2:]) for a in arrays))
+        fine = set(beams)
+        if len(beams) > _NAMED:
+            highest = max(known, key=lambda n: known[n].values.max())
+            fine = {highest, min(known, key=lambda n: known[n].values.min())} | jumping
+        for beam_name in fine:
+            beam = beams[beam_name]
+            curve = known[beam_name]._replace(s=arc_lengths(beam, fractions).ravel())
+            known[beam_name] = _refined(cases, numbers, beam, curve, name, pick)
+    return curves
+
+
+def _picked(
+    parts: list[np.ndarray], numbers: np.ndarray, pick: Callable
+) -> tuple[np.ndarray, np.ndarray]:
+    """The value among all rows of all cases at each place, and the number of its case."""
+    rows = np.concatenate(parts)
+    chosen = pick(rows, axis=0)
+    return np.take_along_axis(rows, chosen[None], axis=0)[0], numbers[chosen]
+
+
+def _refined(
+    cases: _Cases, numbers: np.ndarray, beam: Beam, curve: _Curve, name: str, pick: Callable
+) -> _Curve:
+    """Values at many places, and on both sides of each."""
+    try:
+        resultants = [in_rows(case.resultants(beam.name), rows) for case, rows in cases]
+    except ValueError:  # their balance is not known
+        return curve
+    balances, parts = [r.balanced() for r in resultants], np.arange(_FINE) / _FINE
+    ends = balances[0].s
+    places = ends[:-1, None] + np.diff(ends)[:, None] * parts
+    jumps = [balance.places for balance in balances]
+    s = np.unique(np.concatenate([places.ravel(), ends[-1:], *jumps]))
+    both = [
+        _picked([getattr(r.at(s, side), name) for r in resultants], numbers, pick)
+        for side in ("before", "after")
+    ]
+    values, givers = (np.stack(sides, axis=1).ravel() for sides in zip(*both, strict=True))
+    s = np.repeat(s, 2)
+    points, sides = (interpolated(s, curve.s, x) for x in (curve.points, curve.sides))
+    sides = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+    return _Curve(s, points, sides, values, givers)
+
+
+class _Panel:
+    """A panel with one quantity along all members."""
+
+    def __init__(
+        self, ax, theme: Theme, drawing: Drawing, cases: int, labels: Labels, tallest: float
+    ):
+        self._ax, self._theme, self._drawing, self._cases = ax, theme, drawing, cases
+        (self._row,) = drawing.rows
+        self._labels, self._tallest = labels, tallest
+        point = Pen(ax, theme).point
+        self._thin = min(1.0, spacing(drawing) / point / _DENSE)
+
+    def draw(self, name: str, curves: _Curves) -> str:
+        """Draw a quantity; its words, with the unit of the numbers."""
+        drawing, theme, row = self._drawing, self._theme, self._row
+        parts = drawing.parts(row)
+        supports = drawing.once(supports_of, parts)
+        largest = _largest(curves)
+        words = words_for(name, drawing.unit)
+        factor, prefix = prefix_of(largest, _KILO)
+        factor, words = (
+            (factor, words.replace("[N", f"[{prefix}N")) if "[N" in words else (1.0, words)
+        )
+        scale = self._tallest / (largest or 1.0)
+        self._draw_areas(curves, scale)
+        is_envelope = len(curves) > 1
+        symbols = _SYMBOLS * self._thin
+        top, pale = Pen(self._ax, theme, symbols), Pen(self._ax, theme, symbols, 0.45)
+        for curve in (curve for known in curves for curve in known.values()):
+            tips = curve.points + scale * curve.values[:, None] * curve.sides
+            outline = np.concatenate([curve.points[:1], tips, curve.points[-1:]])
+            top.line(outline, mixed(theme.ink, theme.paper, 0.25), 0.9 * self._thin, 2)
+            top.line(curve.points, theme.ink, 2.2 * self._thin, 3)
+        draw_moving(pale, drawing, row)
+        shows_pulls = name == "N" and not is_envelope
+        draw_between(top if shows_pulls else pale, drawing, parts, row)
+        marks = marks_of(drawing, parts)
+        for kind in ("hinge", "slide"):
+            if kind in marks:
+                draw_pin(top, drawing.positions(marks[kind], row))
+        draw_supports(top, drawing, parts, row)
+        if largest > 0:
+            self._write(top, curves, scale, largest, factor, set(supports))
+        if shows_pulls:
+            self._write_pulls(parts, factor)
+        pale.finish()
+        top.finish()
+        return words
+
+    def _draw_areas(self, curves: _Curves, scale: float) -> None:
+        """Fill the areas between the axes and the values, those below zero with strokes."""
+        theme = self._theme
+        looks = (1, theme.plus, None), (-1, theme.minus, "//////")
+        for known, (sign, face, hatch) in zip((curves[0], curves[-1]), looks, strict=True):
+            outlines, codes = [], []
+            for curve in known.values():
+                part = np.maximum(sign * curve.values, 0.0)
+                if part.any():
+                    tips = curve.points + sign * scale * part[:, None] * curve.sides
+                    outlines.append(np.concatenate([curve.points, tips[::-1], curve.points[:1]]))
+                    lines = [Area.LINETO] * (len(outlines[-1]) - 2)
+                    codes += [Area.MOVETO, *lines, Area.CLOSEPOLY]
+            if outlines:
+                # One path for all: hatches of each piece would be slow.
+                look: Any = {"facecolor": face, "linewidth": 0, "zorder": 1, "alpha": 0.88}
+                if hatch and self._thin == 1:
+                    look |= {"hatch": hatch, "edgecolor": mixed(theme.minus, theme.ink, 0.35)}
+                area = Area(np.concatenate(outlines), codes)
+                # Not add_patch, which would look at each corner for the limits of the axes.
+                patch = PathPatch(area, in_layout=False, **look)
+                self._ax.add_artist(patch)
+
+    # -- Numbers ----------------------------------------------------------------------------------
+
+    def _write(
+        self, pen: Pen, curves: _Curves, scale: float, largest: float, factor: float,
+        supports: set[int],
+    ) -> None:  # fmt: skip
+        """Write values beside their tips, the largest first."""
+        picks = [
+            (curve, i)
+            for known in curves
+            for name, curve in known.items()
+            for i in self._picks(name, curve, largest, supports)
+        ]
+        if len(curves[0]) > _NAMED and picks:
+            value_of = lambda pick: pick[0].values[pick[1]]  # noqa: E731
+            highest, lowest = max(picks, key=value_of), min(picks, key=value_of)
+            picks = [highest] if highest is lowest else [highest, lowest]
+        written_at: list[tuple[float, np.ndarray]] = []
+        for curve, i in picks:
+            value, foot = float(curve.values[i]), curve.points[i]
+            # Members at a rigid corner have the same moment.
+            if any(
+                abs(abs(other) - abs(value)) < _SAME * largest
+                and np.hypot(*(place - foot)) < _CORNER * pen.point
+                for other, place in written_at
+            ):
+                continue
+            written_at.append((value, foot))
+            outwards = np.sign(value) * curve.sides[i]
+            tip = foot + scale * abs(value) * outwards
+            pen.ring(tip, 1.8 * self._thin, self._theme.ink, width=0.0, z=4)
+            giver = f" ({curve.givers[i]})" if self._cases > 1 else ""
+            self._labels.add(self._ax, _number(value / factor) + giver, tip, outwards)
+
+    def _picks(self, name: str, curve: _Curve, largest: float, supports: set[int]) -> Iterable[int]:
+        """Indices of the values of a member to write, the largest first."""
+        beam, values = self._drawing.solution.beams[name], curve.values
+        if np.ptp(values) < _ALIKE * largest:
+            picks = {len(values) // 2}
+        else:
+            inner = [s for s, n in zip(beam.s, beam.nodes, strict=True) if n.number in supports]
+            # A place has two values: each part has that on its own side.
+            cuts = [int(np.searchsorted(curve.s, s, "right")) - 1 for s in inner]
+            cuts = sorted({0, len(values), *(c for c in cuts if 1 < c < len(values) - 1)})
+            picks = set()
+            for first, end in itertools.pairwise(cuts):
+                part = values[first:end]
+                picks |= {first + int(part.argmax()), first + int(part.argmin())}
+            picks |= {i for i in (0, len(values) - 1) if abs(values[i]) > _END * largest}
+        return sorted(
+            (i for i in picks if abs(values[i]) > _LEAST * largest), key=lambda i: -abs(values[i])
+        )
+
+    def _write_pulls(self, parts, factor: float) -> None:
+        """Write the forces of ropes and springs between points beside them."""
+        for force in parts.forces_between if len(parts.forces_between) <= _NAMED else ():
+            pull = pull_of(self._drawing, force, self._row)
+            if pull is None or len(force.points) < 2 or force.to_ground:
+                continue
+            line = line_between(self._drawing, force, self._row)
+            place = (
+                line[0] + 0.62 * (line[-1] - line[0]) if len(line) == 2 else line[len(line) // 2]
+            )
+            kind = "rope " if is_a_rope(force) else ""
+            words = kind + _number(pull / factor) if pull else "slack"
+            across = left_of(line[-1] - line[0])
+            colour = self._theme.text(ROPE)
+            way = across if across[1] < 0 else -across
+            self._labels.add(self._ax, words, place, way, color=colour)
+
+
+def _number(value: float) -> str:
+    """A number with three digits and a true minus sign."""
+    return three_digits(value).replace("-", "\u2212")

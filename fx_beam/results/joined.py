@@ -13,9 +13,8 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.parts import Parts
 
-from .contact_gaps import columns_of
-from .records import BeamResultants, Energy, Stats
-from .section_forces import BeamBalance
+from .joint_and_contact_motion import columns_of
+from .records import BeamBalance, BeamResultants, Energy, Stats
 from .state import HISTORIES
 
 # Statistics that add up: counts of steps and iterations, and times.
@@ -65,7 +64,7 @@ def then(solution, second):
     (array([0. , 0.5]), True)
     """
     _check(solution, second)
-    return _Joined(solution, second).solution()
+    return _JoinedMotion(solution, second).solution()
 
 
 def _check(first, second) -> None:
@@ -80,7 +79,7 @@ def _check(first, second) -> None:
         )
 
 
-class _Joined:
+class _JoinedMotion:
     """Two motions in the numbers of the second one; what only the first has comes behind."""
 
     def __init__(self, first, second):

@@ -18,10 +18,8 @@ from fx_beam.scene.contacts import Contact, Shape
 from fx_beam.scene.coordinate import Coulomb
 from fx_beam.scene.joints import Constraints, JointKey
 
-from .export import FORMAT
-from .files import named
-from .records import BeamResultants, Energy, Stats
-from .section_forces import BeamBalance
+from .export import FORMAT, named
+from .records import BeamBalance, BeamResultants, Energy, Stats
 from .solution import Solution
 from .state import ARRAYS, HISTORIES, Past, State
 

@@ -38,9 +38,9 @@ from .state import HISTORIES, State
 if TYPE_CHECKING:
     from fx_beam.scene.gears import Gear
 
-    from . import export, joined, paraview
+    from . import export, joined, member_fields
     from .joint_and_contact_motion import ContactMotion, GearMotion, JointMotion, PullMotion
-    from .stresses import BeamStress
+    from .records import BeamStress
 
 # What is set when it is first read.
 _LATER = {*HISTORIES, "energy", "end"}
@@ -211,7 +211,7 @@ class Solution:
     def __getattr__(self, name: str) -> Any:
         """Attribute that is set when it is first read."""
         if name not in _LATER or "_histories" not in self.__dict__:
-            from fx_beam.other_names import no_attribute
+            from fx_beam.errors import no_attribute
 
             raise no_attribute(self, name, dir(type(self)))
         value: Any = self._end if name == "end" else self._histories[name]
@@ -633,7 +633,7 @@ class Solution:
         >>> stress.upper[-1].round(), stress.shear[-1].round()
         (array([3000000.]), array([-60000.]))
         """
-        from .stresses import BeamStress
+        from .records import BeamStress
 
         return BeamStress(self.beams[_beam_name(self, beam)], self.resultants(beam))
 
@@ -729,11 +729,11 @@ class Solution:
     if TYPE_CHECKING:
         save, to_csv = export.save, export.to_csv
         to_pandas, to_xarray = export.to_pandas, export.to_xarray
-        then, to_paraview = joined.then, paraview.to_paraview
+        then, to_paraview = joined.then, member_fields.to_paraview
     else:
         save, to_csv = _LazyMethod("export"), _LazyMethod("export")
         to_pandas, to_xarray = _LazyMethod("export"), _LazyMethod("export")
-        then, to_paraview = _LazyMethod("joined"), _LazyMethod("paraview")
+        then, to_paraview = _LazyMethod("joined"), _LazyMethod("member_fields")
 
     def recorded(self, name: str) -> np.ndarray:
         """A history that the `Record` may have omitted.

@@ -15,6 +15,7 @@ from fx_beam.errors import (
     IS_DATA,
     LARGEST,
     SceneError,
+    answering,
     as_float,
     is_whole,
     real_array,
@@ -22,7 +23,6 @@ from fx_beam.errors import (
     require,
     shown,
 )
-from fx_beam.other_names import answering
 
 #: Components of a node's motion, in the order used in all arrays.
 COMPONENTS = ("x", "y", "rotation")

@@ -10,8 +10,7 @@ import numpy as np
 from fx_beam.errors import IS_DATA, SceneError, check_fields, finite, is_number, real, require
 from fx_beam.symbolic import Expr, parts_of, ufl
 
-from .functions import Numbers, Signal
-from .inputs import Input, time_function
+from .functions import Input, Numbers, Signal, time_function
 from .law import Energy, InternalVariables, check_energy, functions_of_energy
 from .parameters import is_parameter, scalar_of, value_of
 
@@ -520,6 +519,6 @@ def functions_of(coordinate: Coordinate) -> Iterator[tuple[str, Expr]]:
         yield from functions_of_energy(spring.strain_energy, spring.internal, 1)
     laws = getattr(coordinate.damper, "law", None), getattr(coordinate.friction, "force", None)
     for law in filter(callable, laws):
-        from .symbols import SCALARS
+        from .ufl_symbols import SCALARS
 
         yield "law", ufl.as_ufl(law(SCALARS[0]))

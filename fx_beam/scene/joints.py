@@ -14,8 +14,7 @@ from fx_beam.errors import IS_DATA, SceneError, real_array, require, shown, vect
 
 from .beam import Beam, Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
-from .functions import Numbers
-from .inputs import time_function
+from .functions import Numbers, time_function
 
 # Largest gap of a joint that is made at a solution, relative to the size of the scene.
 _FITS = 1e-6

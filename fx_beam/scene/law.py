@@ -205,7 +205,7 @@ def check_energy(
 
 def _check_convexity(W: Expr, e: list[Expr], subject: str, strains: tuple[str, ...]) -> None:
     """Refuse a stored energy that falls along a strain, from zero on and without an end."""
-    from .symbols import SCALARS
+    from .ufl_symbols import SCALARS
 
     symbols = SCALARS[: len(e)]
     energy = ufl.replace(W, dict(zip(e, symbols, strict=True)))
@@ -236,7 +236,7 @@ def functions_of_energy(
     """Expressions of a stored energy and its internal variables, by kind."""
     if energy is None:
         return
-    from .symbols import SCALARS
+    from .ufl_symbols import SCALARS
 
     e0, e, dt = SCALARS[:strains], SCALARS[3 : 3 + strains], SCALARS[6]
     a = [] if internal is None else [_vector(len(internal.names))]
@@ -247,7 +247,7 @@ def functions_of_energy(
 
 @functools.cache
 def _vector(size: int) -> Expr:
-    from .symbols import Symbol
+    from .ufl_symbols import Symbol
 
     return ufl.as_vector([Symbol() for _ in range(size)])
 

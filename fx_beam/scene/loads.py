@@ -1,11 +1,11 @@
-"""Loads, drag, natural strains, initial velocities and added virtual works, as plain data."""
+"""Loads, pressure, drag, natural strains, shaken bases and initial velocities, as plain data."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,16 +25,26 @@ from fx_beam.symbolic import Expr, ufl
 
 from .beam import Beam, BeamPlace, Node, no_node
 from .functions import (
+    Accelerogram,
     ArrayCalls,
+    Input,
     Signal,
     SignalAlong,
+    TimeValue,
     argument_names,
     check_takes_time,
     checked_function,
     function_of_place,
+    time_function,
 )
-from .inputs import Input, time_function
-from .parameters import refused
+from .parameters import is_parameter, refused
+
+if TYPE_CHECKING:
+    from .ufl_symbols import Parameter
+
+
+# -- Loads, drag, natural strains, initial velocities and added virtual works, as plain data ----
+
 
 #: Names of the coefficients of drag.
 PARTS_OF_DRAG = "linear", "quadratic", "rotation"
@@ -393,3 +403,95 @@ def thermal(alpha: float, temperature):
         return factor * np.asarray(temperature(*arguments))
 
     return strain
+
+
+# -- Pressure on beams: a load along the normal of the deformed axis, by its virtual work -------
+
+
+@dataclass(frozen=True)
+class PressureTerm:
+    """The virtual work p (W phi').virtual u per reference length, at the level of a step."""
+
+    pressure: Parameter
+
+    def __call__(self, step):
+        """The term in UFL."""
+        x, y = step.t0 + step.prime(step.u)
+        normal = ufl.as_vector((-y, x))
+        return step.load_factor * self.pressure * ufl.dot(normal, step.virtual_u)
+
+
+def pressure_on(
+    beam: Beam, value, arguments: str, between: Sequence[float] | None, number: int
+) -> tuple[VirtualWork, Parameter]:
+    """A pressure on a beam or on some of its elements, and its parameter; SceneError otherwise."""
+    from .ufl_symbols import Parameter
+
+    name = f"pressure on {label(beam)}"
+    require(arguments == "time", f"{name}: of", arguments, "'time': it is the same everywhere")
+    elements: tuple[int, int | None] = (0, None)
+    if between is not None:
+        part = part_of(beam, between, arguments, name)
+        first, last = (int(abs(beam.s - end).argmin()) for end in part)
+        close = np.allclose(beam.s[[first, last]], part, rtol=0.0, atol=1e-9 * beam.length)
+        expected = "arc lengths of ends of elements, as a normal is that of an element: "
+        expected += f"{beam.s[first]:.6g} and {beam.s[last]:.6g} are the next ones"
+        require(close and first < last, f"{name}: between", between, expected)
+        elements = first, last
+    own_names: tuple[str, ...] = ()
+    if not is_parameter(value):
+        if not isinstance(value, Input):
+            check_takes_time(value, name)
+        value = Parameter(f"pressure {number}", value)
+        own_names = (value.name,)
+    return VirtualWork(PressureTerm(value), beam, elements, own_names), value
+
+
+# -- Accelerations of the base of a scene, as functions of time or as records -------------------
+
+
+class Shaking(NamedTuple):
+    """The acceleration of the base of a scene along x and y; None where there is none.
+
+    Returned by `Scene.shake`.
+
+    Parameters
+    ----------
+    x, y : Load or None
+        Each as `Scene.change` and `Scene.remove` take it.
+
+    Examples
+    --------
+    >>> import math, fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> shaking = scene.shake(y=lambda t: 3.0 * math.sin(20 * t))
+    >>> print(shaking.y, shaking.x)
+    shaking along y None
+    """
+
+    x: Load | None = None
+    y: Load | None = None
+
+
+def acceleration(value: TimeValue, name: str) -> Signal:
+    """An acceleration (1,) over time: a constant, a function, an `Input` or a record."""
+    if not isinstance(value, list | tuple | np.ndarray) or getattr(value, "ndim", 1) == 0:
+        if not isinstance(value, Input):
+            check_takes_time(value, name)
+        return time_function(value, 1, name)
+    parts = [real_array(part) for part in value]
+    ok = len(parts) == 2 and parts[0].ndim == 1 and parts[0].shape == parts[1].shape
+    ok = ok and len(parts[0]) > 1 and bool(np.isfinite([floats(part) for part in parts]).all())
+    if not ok:
+        raise SceneError(
+            f"{name}: a record has two lists of the same length, of at least two finite numbers: "
+            "times [s] and accelerations [m/s^2]; or give a function of time"
+        )
+    steps = np.diff(floats(parts[0]))
+    if (steps < 0).any() or not steps.any():
+        late = int(np.argmax(steps < 0))
+        raise SceneError(
+            f"{name}: the times of a record must rise, but {floats(parts[0])[late + 1]:g} s comes "
+            f"after {floats(parts[0])[late]:g} s. Sort it: order = np.argsort(times)"
+        )
+    return Accelerogram(parts[0], parts[1], name)

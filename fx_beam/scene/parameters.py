@@ -12,11 +12,10 @@ from fx_beam.dual import dual_array, floats
 from fx_beam.errors import SceneError, as_float, is_number, refuse_fields_in, shown
 from fx_beam.symbolic import Expr, ufl
 
-from .functions import Signal
-from .inputs import Input, TimeValue, checked_value
+from .functions import Input, Signal, TimeValue, checked_value
 
 if TYPE_CHECKING:
-    from .symbols import Parameter
+    from .ufl_symbols import Parameter
 
 
 @contextmanager
@@ -35,7 +34,7 @@ def is_parameter(value: object) -> bool:
     """Whether a value is a `Parameter`."""
     if not hasattr(value, "ufl_operands"):
         return False
-    from .symbols import Parameter
+    from .ufl_symbols import Parameter
 
     return isinstance(value, Parameter)
 
@@ -70,7 +69,7 @@ def scalar_of(function: Callable, count: int, call: str) -> tuple[Expr, list[Exp
 
 def new_variables(count: int) -> list[Expr]:
     """Variables of symbols, which refuse to be numbers."""
-    from .symbols import Symbol
+    from .ufl_symbols import Symbol
 
     return [ufl.variable(Symbol()) for _ in range(count)]
 

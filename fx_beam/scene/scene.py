@@ -13,6 +13,7 @@ import numpy as np
 from fx_beam.dual import dual_array, scene_number
 from fx_beam.errors import (
     SceneError,
+    answering,
     finite,
     is_flag,
     is_name,
@@ -20,7 +21,6 @@ from fx_beam.errors import (
     require,
     vector,
 )
-from fx_beam.other_names import answering
 
 from . import loads
 from .beam import COMPONENTS, Beam, BeamPlace, Node, Nodes, checked_degree, position_of
@@ -29,8 +29,7 @@ from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .curve import Curve, layout
 from .forces_between import ForceBetween, Point, Pull, checked_force, parameter_of_length
-from .functions import ArrayCalls, Signal
-from .inputs import Input, TimeValue, is_open_input, time_function
+from .functions import ArrayCalls, Input, Signal, TimeValue, is_open_input, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, coupling_of, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
@@ -44,12 +43,11 @@ if TYPE_CHECKING:
 
     from fx_beam.symbolic import Expr
 
+    from .curve import MeshBeams
+    from .forces_between import Bed, GroundSprings, Pulley
     from .gears import Gear
-    from .ground_springs import Bed, GroundSprings
-    from .mesh import MeshBeams
-    from .pulleys import Pulley
-    from .shaking import Shaking
-    from .symbols import Parameter
+    from .loads import Shaking
+    from .ufl_symbols import Parameter
 
 _Part = TypeVar("_Part")
 _Force = TypeVar("_Force", bound=ForceBetween)
@@ -235,7 +233,7 @@ class Scene:
             beam = Beam(name, nodes, degree, line.s, section, line.inner)
             _look_at_elements(beam)
             return self.beams.add(beam)
-        from .eccentric import shifted
+        from .curve import shifted
 
         axis = shifted(line, offset, name)
         carriers, nodes = (self._nodes_at(path.ends, f"beam {name!r}") for path in (line, axis))
@@ -319,7 +317,7 @@ class Scene:
         kinds = ("rigid", "pin")
         require(is_one_of(joints, kinds), "add_mesh: joints", joints, f"one of {kinds}")
         degree = checked_degree(degree, self.beams, "add_mesh")
-        from .mesh import MeshBeams, mesh_layout, sections_of
+        from .curve import MeshBeams, mesh_layout, sections_of
 
         mesh = mesh_layout(points, cells, elements, joints == "pin", join)
         section_of_cell = sections_of(section, tags, np.shape(cells)[0])
@@ -840,7 +838,7 @@ class Scene:
         require(ok, name, points, "a sequence of two or more nodes and positions (x, y)")
         make: Callable[..., ForceBetween] = ForceBetween
         if any(hasattr(point, "side") for point in points):
-            from .pulleys import RopeOverPulleys, rope_parts
+            from .forces_between import RopeOverPulleys, rope_parts
 
             points, kinds, radii = rope_parts(points)
             make = functools.partial(RopeOverPulleys, kinds=kinds, radii=radii)
@@ -922,7 +920,7 @@ class Scene:
         >>> float(rest.joint(held.y).force[-1].round(2)), float(rest.position(mass)[-1, 1].round(6))
         (-19.62, -0.024525)
         """
-        from .ground_springs import GroundSprings, ground_spring
+        from .forces_between import GroundSprings, ground_spring
 
         loads.check_node(self, node, "spring")
         forwards = dual_array(vector(axis, 2, "spring: axis"))
@@ -997,7 +995,7 @@ class Scene:
         >>> bool(abs(sunk * 2 * 6400.0 / 2.0 + 1) < 1e-4)
         True
         """
-        from .ground_springs import Bed, parts_of_bed
+        from .forces_between import Bed, parts_of_bed
 
         loads.check_beam(self, beam, "bed")
         name = f"bed of beam {beam.name!r}"
@@ -1186,7 +1184,7 @@ class Scene:
         require(is_flag(follower), "line load: follower", follower, "True or False")
         if not follower:
             return _added(self.loads, loads.line_load(beam, load, of, between))
-        from .pressure import pressure_on
+        from .loads import pressure_on
 
         number = 1
         while f"pressure {number}" in self.parameters:
@@ -1236,7 +1234,7 @@ class Scene:
         >>> print(round(float(relative * (2 * np.pi) ** 2), 3))
         -4.0
         """
-        from .shaking import Shaking, acceleration
+        from .loads import Shaking, acceleration
 
         base = {}
         for name, value in (("x", x), ("y", y)):
@@ -1430,7 +1428,7 @@ class Scene:
         if beam is not None:
             loads.check_beam(self, beam, "virtual work")
         work = loads.VirtualWork(term, beam)
-        from .symbols import STEP
+        from .ufl_symbols import STEP
 
         name = f"virtual work {len(self.virtual_works) + 1}"
         self.parameters.add([(name, work.of(STEP, name))], name)
@@ -1476,7 +1474,7 @@ class Scene:
         if isinstance(load, NaturalStrain):
             parts[index] = changed_strain(load, strains)
         elif load.kind.startswith("shaking"):
-            from .shaking import acceleration
+            from .loads import acceleration
 
             parts[index] = replace(load, value=acceleration(value, load.kind))
         else:
@@ -1732,7 +1730,7 @@ def _varies(section: Section) -> bool:
 def _look_at_elements(beam: Beam) -> None:
     """Warn of elements that are too coarse for a section or an offset."""
     if beam.carriers or _varies(beam.section):
-        from .coarse_beams import warn_of_coarse_elements
+        from .section import warn_of_coarse_elements
 
         warn_of_coarse_elements(beam)
 

@@ -43,7 +43,7 @@ def expressions_of(scene: Scene) -> Iterator[tuple[str, object]]:
     for force in scene.forces_between:
         yield from force.functions
     if scene.virtual_works:
-        from .symbols import STEP
+        from .ufl_symbols import STEP
 
         yield from (("virtual work", work.of(STEP, "virtual work")) for work in scene.virtual_works)
 

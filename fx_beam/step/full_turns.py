@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 
-from fx_beam.fem.sparsity import connected_parts
+from fx_beam.fem.mesh import connected_parts
 from fx_beam.results.state import State
 from fx_beam.scene.joints import GROUND
 
-from .model import Model, fact
-from .units import turning_together
+from .model import Model, fact, turning_together
 
 _ROTATION = 2  # among the components of a node
 #: Steps after which full turns are counted.

@@ -9,18 +9,17 @@ from threading import RLock
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.content_cache import shallow_copy
-from fx_beam.coupling.graph import Auxiliaries, couple, joints_with_arms, motors
-from fx_beam.coupling.joints_in_c import begin_to_build_joints, numbers_of_gears
-from fx_beam.coupling.reduction import Reduction
+from fx_beam.coupling.graph import Auxiliaries, Couplings, couple, joints_with_arms, motors
+from fx_beam.coupling.reduction import Reduction, begin_to_build_joints, numbers_of_gears
 from fx_beam.dual import MaybeDual, dual_array, floats
 from fx_beam.errors import SceneError
-from fx_beam.fem.forms import Forms
-from fx_beam.fem.loads import LoadedBeams, dead_loads, natural_strains
-from fx_beam.fem.mass import MassMatrix
-from fx_beam.fem.mesh import Mesh, build_mesh
-from fx_beam.fem.scene_data import FormData, SceneArrays, arms_of, form_data
+from fx_beam.fem.forms import FormData, Forms, SceneArrays, arms_of, form_data
+from fx_beam.fem.functions_of_time import LoadedBeams, dead_loads, natural_strains
+from fx_beam.fem.mass import MassMatrix, about_centres, mobilities
+from fx_beam.fem.mesh import Mesh, build_mesh, connected_parts
 from fx_beam.laws.rates import NewmarkRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
@@ -34,7 +33,110 @@ from fx_beam.scene.sliders import sliding_joints
 from fx_beam.scene.structure import OtherStructureError, Structure
 
 from .build import begin_to_build
-from .units import Units, little_mass, mobility
+
+# -- Sizes of unit increments, how easily they move, and little masses of what has none ---------
+
+
+# Mass of what has none in rates that fit joints, relative to the least mass that there is.
+_LITTLE = 1e-8
+# Degrees of freedom up to which a coupling is an array.
+_SMALL = 200
+
+
+class Units:
+    """Unit increments: the size of a mesh for displacements, 1 for rotations."""
+
+    def __init__(self, mesh: Mesh, couplings: Couplings):
+        self._mesh = mesh
+        #: Sizes (size,) of unit increments of degrees of freedom.
+        self.nodes = np.full(mesh.dofs.size, mesh.size)
+        self.nodes[2::3] = 1.0
+        turns = np.zeros(couplings.columns + len(couplings.auxiliaries), dtype=bool)
+        entries = couplings.all_entries
+        turns[entries.column[entries.row % 3 == 2]] = True
+        for auxiliary in couplings.auxiliaries:
+            if auxiliary.dof % 3 == 2:
+                turns[[entry[0] for entry in auxiliary.entries]] = True
+        #: Which unknowns (free,) are rotations, and sizes (free,) of their unit increments.
+        self.turns = turns[: couplings.free]
+        self.unknowns = np.where(self.turns, 1.0, mesh.size)
+
+    def errors(self, scene: Scene) -> np.ndarray:
+        """Sizes (size,) of errors: rotations that displace something are seen as displacements.
+
+        In fast vibrations nodes of beams turn, but are hardly displaced.
+        """
+        unit = self.nodes.copy()
+        unit[self._mesh.turns[~only_turn(scene, self._mesh)]] = np.inf
+        return unit
+
+
+def turning_together(scene: Scene) -> np.ndarray:
+    """Pairs (n, 2) of nodes that joints let turn together only; -1 is the ground."""
+    pairs = [(joint.a.number, joint.b.number) for joint in scene.joints if joint.turns_together]
+    return np.reshape(pairs, (-1, 2)).astype(int)
+
+
+def only_turn(scene: Scene, mesh: Mesh) -> np.ndarray:
+    """Which nodes (n,) are in no element, and turn together with none that is or lies elsewhere."""
+    pairs = turning_together(scene)
+    pairs = pairs[(pairs >= 0).all(axis=1)]
+    displacing = np.zeros(len(mesh.X), dtype=bool)
+    displacing[mesh.elements.ravel()] = True
+    geared = {node.number for gear in scene.gears if gear.is_ideal for node in gear.nodes}
+    displacing[[number for number in geared if number >= 0]] = True  # which the others follow
+    apart = (mesh.X[pairs[:, 0]] != mesh.X[pairs[:, 1]]).any(axis=1)
+    displacing[pairs[apart].ravel()] = True
+    part = connected_parts(pairs.T, len(displacing))
+    return ~np.bincount(part, displacing).astype(bool)[part]
+
+
+def little_mass(
+    mass: scipy.sparse.csr_matrix, unit: np.ndarray, scene: Scene, mesh: Mesh
+) -> np.ndarray:
+    """Small masses and inertias (size,) of the degrees of freedom that have none, for fits."""
+    inertia = mass.diagonal() * unit**2
+    least = inertia[inertia > 0].min() if inertia.any() else 1.0
+    little = np.where(inertia > 0, 0.0, _LITTLE * least / unit**2)
+    for joint in scene.joints:  # what is rigid with a mass needs none
+        if joint.is_rigid and GROUND not in (joint.a, joint.b):
+            a, b = (mesh.dofs[node.number] for node in (joint.a, joint.b))
+            if inertia[a].all():
+                little[b] = 0.0
+    return little
+
+
+def mobility(
+    data: SceneArrays, mass: scipy.sparse.csr_matrix, reduction: Reduction, mesh: Mesh
+) -> np.ndarray:
+    """1 / mass that moves with each degree of freedom, then with each slide; 0 without mass.
+
+    Of displacements that in the direction in which the node moves most easily. By the diagonal
+    of the reduced mass in the reference; what is free moves about its centre of mass, unless
+    nodes slide on beams.
+    """
+    scene, couplings, size = data.scene, reduction.couplings, mesh.dofs.size
+    joints = reduction.joints
+    arms, gears = joints.arms.copy(), joints.gears.copy()
+    joints.set_numbers(data.arms, data.gears)
+    reduction.set_start(np.zeros(size), slides_at_start(scene))
+    closed = not reduction.singularity
+    # Operations on small arrays are quick, those on sparse ones take 0.1 ms.
+    if size <= _SMALL:
+        T = reduction.maps.coupling_array(closed)[:, : couplings.free]
+    else:
+        T = scipy.sparse.csr_array(reduction.maps.coupling(closed)[:, : couplings.free])
+    joints.arms[...], joints.gears[...] = arms, gears
+    if not (couplings.is_selection or couplings.sliding):
+        roots = np.isin(np.arange(couplings.free), couplings.column[mesh.dofs[:, :2]])
+        T = about_centres(T, roots, mass.diagonal())
+    unknown_mobility, dof_mobility = mobilities(T, mass)
+    slide_mobility = couplings.free_slides(unknown_mobility, scene.joint_count)
+    return np.concatenate([dof_mobility, slide_mobility])
+
+
+# -- A scene and a scheme as compiled forms, constant matrices and unknowns ---------------------
+
 
 T = TypeVar("T")
 
@@ -260,7 +362,7 @@ class Model:
             )
         sliders = None
         if self.couplings.need_places:
-            from fx_beam.coupling.sliders import Sliders
+            from fx_beam.coupling.dependent_columns import Sliders
 
             sliders = Sliders(scene, self.couplings, self.mesh)
         masses = np.array([(m, m, inertia) for _, m, inertia in scene.masses]).ravel()
@@ -274,7 +376,7 @@ class Model:
         auxiliaries = Auxiliaries(self.couplings)
         loops = None
         if self.couplings.closures and sliders is not None:
-            from fx_beam.coupling.loops import Loops
+            from fx_beam.coupling.dependent_columns import Loops
 
             loops = Loops(self.couplings, auxiliaries, self.units.turns, sliders)
         self.reduction = Reduction(
@@ -306,7 +408,7 @@ class Model:
 def look_at_ends(scene: Scene, mesh: Mesh) -> None:
     """Warn of beams that end on another one without being joined to it."""
     if len(scene.beams) > 1:
-        from fx_beam.coupling.unjoined import warn_of_unjoined
+        from fx_beam.coupling.determinacy import warn_of_unjoined
 
         warn_of_unjoined(scene, mesh)
 

@@ -112,7 +112,7 @@ class Record:
     def __post_init__(self):
         check_fields(self)
         if self.file is not None:
-            from fx_beam.results.files import writable
+            from fx_beam.results.export import writable
 
             writable(self.file, ("pvd",))
             if not self.motion or self.times is not None:

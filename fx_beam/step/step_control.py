@@ -1,25 +1,258 @@
-"""Control of the length of steps by their local errors.
-
-The local error of the mid-point rule is dt^3 q''' / 12, that of a composition of order 4 made of
-it dt^5 q''''' / 80 times the sum of the fifth powers of its fractions (exactly so for a linear
-oscillation). In terms of differences it is a fraction of the increment that a polynomial through
-the last configurations does not predict. This is a divided difference of order p + 1, multiplied by
-the times since the last p + 1 configurations: so a jump is not missed, however short the step.
-
-Displacements are small in vibrations that are too fast for the steps, velocities and accelerations
-are not: so the estimate does not use them.
-"""
+"""Lengths of steps: divided where they fail, and chosen by events and local errors."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
+from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import order_and_constant
 from fx_beam.scene.functions import Accelerogram
 
 from .model import Model
+
+# -- Sub-steps: steps of a time grid are divided if they fail as a whole ------------------------
+
+
+# Number of successful sub-steps before their length is doubled; it grows up to the second value if
+# doubling fails.
+_SUCCESSES, _MOST_SUCCESSES = 2, 64
+# Rotation of a node per step of the grid [rad] from which on a divided step is too large for the
+# motion. A whole step with a rotation x has the error x^3 / 12, here 2 % of x: the motion then
+# depends on whether the step is halved, and rounding errors may decide this. For smaller rotations
+# the difference is not visible.
+LARGE_TURN = 0.5
+
+
+#: With more halvings a sub-step would be smaller than the rounding error of the time.
+MOST_HALVINGS = 50
+
+
+class Halving:
+    """Controls the length of sub-steps: halved after a failure, doubled after some successes.
+
+    The length is kept from step to step, so that not every step first fails with a larger one.
+    """
+
+    def __init__(self, most: int, dt: float | None = None):
+        self.most = most
+        #: Length of whole steps [s]; None where they have no common one.
+        self.dt = dt
+        self.times = self.done = 0
+        self._required, self._succeeded, self._doubled = _SUCCESSES, 0, False
+
+    @property
+    def state(self) -> np.ndarray | None:
+        """State (5,) of the control, from which another run can continue.
+
+        It has the length of whole steps [s], the number of halvings, and the counts for doubling.
+        """
+        if self.dt is None:
+            return None
+        counts = self.times, self._required, self._succeeded, self._doubled
+        return np.array([self.dt, *counts], float)
+
+    def resume(self, state: np.ndarray | None) -> None:
+        """Continue with the state of another run, if its steps have the same length."""
+        self.done = 0
+        if state is None or self.dt is None or state[1] > self.most:
+            return
+        if abs(state[0] - self.dt) > 1e-6 * self.dt:
+            return
+        self.times, self._required, self._succeeded = map(int, state[1:4])
+        self._doubled = bool(state[4])
+
+    @property
+    def parts(self) -> int:
+        """Number of sub-steps of a step."""
+        return 2**self.times
+
+    def ends(self, grid: np.ndarray) -> np.ndarray:
+        """Ends (m,) [s] of the next sub-steps, up to where their length may be doubled.
+
+        `grid` (n,) has the start of the current step, its end, and the ends of the next steps.
+        """
+        number = max(1, self._required_now - self._succeeded)
+        number += (self.done + number) % 2
+        parts = self.done + np.arange(1, number + 1)
+        step, part = np.divmod(parts[parts <= (len(grid) - 1) * self.parts], self.parts)
+        lengths = np.append(np.diff(grid), 0.0)
+        return grid[step] + lengths[step] * part / self.parts
+
+    def count_done(self, number: int) -> int:
+        """Count successful sub-steps; returns the number of steps that they complete."""
+        steps, self.done = divmod(self.done + number, self.parts)
+        if number:
+            self._required, self._doubled = self._required_now, False
+        self._succeeded += number
+        if self.times and self._succeeded >= self._required and self.done % 2 == 0:
+            self.times, self.done = self.times - 1, self.done // 2
+            self._succeeded, self._doubled = 0, True
+        return steps
+
+    @property
+    def _required_now(self) -> int:
+        """Successes before doubling; their number is halved after a successful doubling."""
+        return max(_SUCCESSES, self._required // 2) if self._doubled else self._required
+
+    def fail(self) -> bool:
+        """Halve the sub-steps after a failure; False if this is no longer allowed."""
+        if self.times == self.most:
+            return False
+        if self._doubled:
+            self._required, self._doubled = min(2 * self._required, _MOST_SUCCESSES), False
+        self.times, self.done = self.times + 1, 2 * self.done
+        self._succeeded = 0
+        return True
+
+
+# -- Times of the sub-steps of a run, and the whole steps to which they belong ------------------
+
+
+class WholeSteps(NamedTuple):
+    """Some whole steps of a run, with all parts and sub-steps."""
+
+    #: Numbers (n,) of the sub-steps with which they begin, and lengths [s]; 0 for the start itself.
+    starts: np.ndarray
+    lengths: np.ndarray
+    #: Numbers (k,) of all their sub-steps, the steps to which they belong, and their shares.
+    sub_steps: np.ndarray
+    of: np.ndarray
+    shares: np.ndarray
+
+
+class Times(NamedTuple):
+    """Starts, ends and lengths of sub-steps [s], and whether a whole step begins with each.
+
+    Some sub-steps of schemes of order 4 go back in time.
+    """
+
+    starts: np.ndarray
+    ends: np.ndarray
+    lengths: np.ndarray
+    begins: np.ndarray
+    #: Number of sub-steps of a whole step, or of a part of one that was halved.
+    sub_step_count: int = 1
+
+    def steps_to(self, boundaries: np.ndarray) -> WholeSteps:
+        """The steps that end before some sub-steps."""
+        begins = np.flatnonzero(self.begins)
+        last = np.searchsorted(begins, np.maximum(boundaries - 1, 0), side="right") - 1
+        starts = np.minimum(begins[last], boundaries)
+        counts = boundaries - starts
+        rows = np.repeat(np.arange(len(boundaries)), counts)
+        sub_steps = np.arange(counts.sum()) + np.repeat(boundaries - counts.cumsum(), counts)
+        part_lengths = self.lengths[sub_steps]
+        lengths, shares = np.bincount(rows, part_lengths, len(boundaries)), np.ones(len(rows))
+        np.divide(part_lengths, lengths[rows], out=shares, where=counts[rows] > 1)
+        return WholeSteps(starts, lengths, sub_steps, rows, shares)
+
+    @property
+    def first_length(self) -> float:
+        """Length of the first step [s]."""
+        begins = np.flatnonzero(self.begins)
+        return float(self.lengths[: begins[1] if len(begins) > 1 else None].sum())
+
+    def boundaries(self, times: np.ndarray) -> np.ndarray:
+        """Numbers of sub-steps before the ends of steps at times (n,) [s].
+
+        SceneError if the tape has a gap, or if a time is inside a step.
+        """
+        whole = slice(None, None, self.sub_step_count)
+        ends = self.ends[self.sub_step_count - 1 :: self.sub_step_count]
+        grid = np.concatenate([self.starts[:1], ends])
+        least = abs(self.lengths).min(initial=np.inf)
+        if (gaps := abs(self.starts[whole] - grid[:-1]) > 1e-3 * least).any():
+            raise SceneError(
+                f"the step after t = {grid[:-1][gaps][0]:.6g} failed in the compiled loop, so "
+                "that there is no derivative. Try a smaller dt"
+            )
+        rows = np.searchsorted((grid[1:] + grid[:-1]) / 2, times)
+        if (misses := abs(grid[rows] - times) > 1e-3 * least).any():
+            raise SceneError(
+                f"the row at t = {times[misses][0]:.6g} is inside a step, and has no derivative. "
+                "Record at ends of steps: with a tolerance, give the times as `breaks` too"
+            )
+        return self.sub_step_count * rows
+
+
+# -- Where within a step a contact or stop opens or closes, or the law of a spring switches -----
+
+
+# How close behind the event the end of a step lies, relative to the step in which it was noticed.
+_CLOSE = 1e-5
+# Largest number of trials.
+_TRIALS = 60
+
+
+def switched(earlier: np.ndarray, later: np.ndarray) -> bool:
+    """Whether one of some values has changed its sign."""
+    return bool(((earlier < 0) != (later < 0)).any())
+
+
+def end_behind_event(
+    first: np.ndarray, values: Callable[[float], np.ndarray | None], t0: float, t1: float
+) -> float | None:
+    """End of a step [s] just behind the first change of a sign in a longer one from t0 to t1.
+
+    `first` are the values at the start; `values` gives those after a step to a time, or where one
+    of its sub-steps has changed a sign, and None if the step fails. Then the result is None.
+    """
+    current = values(t1)
+    if current is None or not switched(first, current):
+        return None
+    # The motion is smooth up to the event; a stiff contact bends it behind.
+    known_points, end, close = [(t0, first)], t1, _CLOSE * (t1 - t0)
+    changing, last = (first < 0) != (current < 0), np.inf
+    for _ in range(_TRIALS):
+        start = known_points[-1][0]
+        if end - start < 2 * close:
+            break
+        t = _zero([(time, value[changing]) for time, value in known_points]) + close / 2
+        if len(known_points) > 2 and abs(t - end) < close / 4:  # just behind the event, as it seems
+            t = end - close
+        if not start < t < end - close / 4 or t == last:
+            t = (start + end) / 2
+        current, last = values(t), t
+        if current is None:
+            return None
+        if switched(first, current):
+            changing |= (first < 0) != (current < 0)
+            end = t
+        else:
+            known_points = [*known_points[-2:], (t, current)]
+    return end
+
+
+def _zero(points: list[tuple[float, np.ndarray]]) -> float:
+    """Time of the next zero of the parabolas through values at times; inf without one."""
+    times, values = map(np.array, zip(*points, strict=True))
+    if len(times) < 2:
+        return np.inf
+    unit = times[-1] - times[0]
+    zeros = [
+        root.real
+        for column in values.T
+        for root in np.roots(np.polyfit((times - times[-1]) / unit, column, len(times) - 1))
+        if abs(root.imag) < 1e-6 and root.real > 0
+    ]
+    return times[-1] + unit * min(zeros, default=np.inf)
+
+
+# -- Control of the length of steps by their local errors ---------------------------------------
+# The local error of the mid-point rule is dt^3 q''' / 12, that of a composition of order 4 made
+# of it dt^5 q''''' / 80 times the sum of the fifth powers of its fractions (exactly so for a
+# linear oscillation). In terms of differences it is a fraction of the increment that a polynomial
+# through the last configurations does not predict. This is a divided difference of order p + 1,
+# multiplied by the times since the last p + 1 configurations: so a jump is not missed, however
+# short the step.
+#
+# Displacements are small in vibrations that are too fast for the steps, velocities and
+# accelerations are not: so the estimate does not use them.
+
 
 #: Differences that are averaged with the weights 1/4, 1/2, 1/4.
 AVERAGED = 3

@@ -1,37 +1,556 @@
-"""Converts a model for the compiled loop: forms, matrices and couplings as arrays.
-
-FFCx generates the integrals along beams from the UFL, and the laws of forces at points. All else is
-in the C files: Newton's method, couplings and nodal rates.
-"""
+"""Converts a model for the compiled loop: forms, matrices and couplings as arrays."""
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+import itertools
+import math
+from collections.abc import Callable, Container, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.c_library import Structs, array_at, declared
-from fx_beam.content_cache import cached_property, shallow_copy
+from fx_beam.content_cache import cached_by_content, cached_property, shallow_copy
 from fx_beam.dual import floats
-from fx_beam.fem.mesh import rotation_of
+from fx_beam.fem.beam_forms import BeamForms
+from fx_beam.fem.compiled_forms import Field, MeshTerm
+from fx_beam.fem.mesh import rotation_of, starts_of
+from fx_beam.laws.interval import StepBatch
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import MACROS
 from fx_beam.scene.beam import gauss_rule
 
-from .block import Block, BlockPlan, aligned_zeros
-from .build import begin_to_build, load_library
-from .form_tables import FORMS, FormTables
-from .model import Model, fact, keeps_previous, led_dofs, massless_dofs, sizes_of
+from .block import Block, BlockPlan, address_of, aligned_zeros
+from .build import begin_to_build, load_batches, load_library
+from .model import Model, fact, keeps_previous, led_dofs, little_mass, massless_dofs, sizes_of
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE
+from .sparse_lu import ROW
 from .state_vector import StateVector
-from .substeps import LARGE_TURN
+from .step_control import LARGE_TURN
 from .tangent_storage import ProblemKind, TangentStorage
-from .units import little_mass
 
 if TYPE_CHECKING:
-    from .turning_frame import TurningFrame
+    from fx_beam.coupling.graph import Couplings
+    from fx_beam.fem.mesh import Mesh
+
+    from .forcing import TurningFrame
+
+
+# -- Parts of a scene with energies of their own, by which Newton's method judges (c/newton.h) --
+
+
+_Members = frozenset[int]
+# An unknown that moves more members is judged by all: else the joints of a chain of n bodies would
+# have n^2 members, and as many parts inside each other.
+_MOST = 32
+
+
+def part_tables(model: Model) -> dict[str, Any]:
+    """``Parts`` of c/tables.h; none if there is only one.
+
+    Nodes of the same beams are a part, others are one each; unknowns are one if they move nodes of
+    the same. Light beams beside heavy ones are judged by themselves, what both share by both.
+    """
+    parts, node_parts = _parts_of_nodes(model.mesh)
+    dof_parts = np.repeat(node_parts, 3)
+    column_parts = _parts_of_columns(model.couplings, parts, dof_parts)
+    if len(parts) < 2:
+        return {}
+    inner_parts = _parts_inside(parts)
+    starts = np.cumsum([0, *map(len, inner_parts)])
+    return {
+        "count": len(parts),
+        **_runs("dof", dof_parts),
+        **_runs("column", column_parts),
+        "inside_start": starts,
+        "inside": np.concatenate(inner_parts),
+    }
+
+
+def _parts_of_nodes(mesh: Mesh) -> tuple[dict[_Members, int], np.ndarray]:
+    """Numbers of parts by their members, and the part (nodes,) of each node.
+
+    Members of a node are its beams; without any it is a member of its own.
+    """
+    nodes = np.concatenate([*mesh.nodes, np.empty(0, int)])
+    beams = np.repeat(np.arange(len(mesh.nodes)), [*map(len, mesh.nodes)])
+    shared = (np.bincount(nodes, minlength=len(mesh.X)) > 1)[nodes]
+    member = -1 - np.arange(len(mesh.X))
+    member[nodes[~shared]] = beams[~shared]
+    node_beams: dict[int, list[int]] = {}
+    for node, beam in zip(nodes[shared].tolist(), beams[shared].tolist(), strict=True):
+        node_beams.setdefault(node, []).append(beam)
+    parts, starts = dict[_Members, int](), _starts(member)
+    numbers = [
+        parts.setdefault(_Members(node_beams.get(node, [only])), len(parts))
+        for node, only in zip(starts.tolist(), member[starts].tolist(), strict=True)
+    ]
+    return parts, np.repeat(np.array(numbers, int), np.diff(starts, append=len(member)))
+
+
+def _parts_of_columns(
+    couplings: Couplings, parts: dict[_Members, int], dof_parts: np.ndarray
+) -> np.ndarray:
+    """The part (free,) of each unknown, by members whose nodes it moves; new parts are added.
+
+    It has every member where they are many, or not known.
+    """
+    members, all_members = [*parts], _Members().union(*parts)
+    entries, auxiliaries = couplings.all_entries, couplings.auxiliaries
+    pairs = np.unique(entries.column.astype(int) * len(parts) + dof_parts[entries.row])
+    column, part = np.divmod(pairs, len(parts))
+    numbers = np.zeros(couplings.columns + len(auxiliaries), int)
+    numbers[column] = part
+    # Others than those that move nodes of one part only.
+    mixed = np.bincount(column, minlength=len(numbers)) != 1
+    mixed[column] |= np.array([len(some) > _MOST for some in members])[part]
+    mixed[[entry[0] for auxiliary in auxiliaries for entry in auxiliary.entries]] = True
+    mixed[couplings.columns :] = True
+    moved = {k: set[int]() for k in np.flatnonzero(mixed).tolist()}
+    of_mixed = mixed[column]
+    for k, number in zip(column[of_mixed].tolist(), part[of_mixed].tolist(), strict=True):
+        moved[k] |= members[number]
+    for k, auxiliary in reversed([*enumerate(auxiliaries, couplings.columns)]):
+        for entry in auxiliary.entries:
+            # Of too many members some are too many as well.
+            moved[entry[0]].update(itertools.islice(moved[k], _MOST + 1))
+    for k, some in moved.items():
+        if k < couplings.free:
+            several = _Members(some if 0 < len(some) <= _MOST else all_members)
+            numbers[k] = parts.setdefault(several, len(parts))
+    return numbers[: couplings.free]
+
+
+def _parts_inside(parts: dict[_Members, int]) -> list[list[int]]:
+    """For each part the parts whose members are all members of it, itself among them."""
+    sharing: dict[int, list[_Members]] = {}
+    for members in parts:
+        for member in members:
+            sharing.setdefault(member, []).append(members)
+    inner_parts = []
+    for members in parts:
+        neighbours = dict.fromkeys(other for member in members for other in sharing[member])
+        inner_parts.append([parts[other] for other in neighbours if other <= members])
+    return inner_parts
+
+
+def _runs(name: str, part: np.ndarray) -> dict[str, Any]:
+    """Runs of the same part: their number, where they begin and the last one ends, their parts."""
+    starts = _starts(part)
+    return {
+        f"{name}_runs": len(starts),
+        f"{name}_run_start": np.append(starts, len(part)),
+        f"{name}_run_part": part[starts],
+    }
+
+
+def _starts(numbers: np.ndarray) -> np.ndarray:
+    """Where runs of equal numbers begin."""
+    return np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1])[: len(numbers)])
+
+
+# -- Compiled forms and the elements on which they are integrated, for the compiled loop --------
+
+
+#: Forms that are evaluated together, by their names in C.
+FORMS = {
+    "internal_forces": ("internal forces", "tangent"),
+    "energy": ("strain energy",),
+    "inversion": ("inverted sections",),
+    "added": ("added virtual work",),
+    "actuated": ("work of natural strains",),
+    "lost": ("lost energy",),
+    "taken": ("scheme's loss",),
+    "held_by_scheme": ("scheme's energy",),
+    "held_before": ("scheme's energy at the start",),
+    "evolution": ("internal variables",),
+    "drag": ("drag", "tangent of drag"),
+    "lost_to_drag": ("loss to drag",),
+}
+
+
+class Kernel(NamedTuple):
+    """Forms that are evaluated together, such as internal forces and their tangent.
+
+    The compiler evaluates only once what they have in common, such as sines and cosines.
+    """
+
+    #: Forms on a mesh; their tensor entries are in this order. The first has all coefficients and
+    #: constants.
+    forms: list[MeshTerm]
+
+    @property
+    def size(self) -> int:
+        """Number of all tensor entries."""
+        return sum(form.size for form in self.forms)
+
+    @property
+    def key(self) -> str:
+        """Identifier of the generated code."""
+        return " ".join(f"{form.compiled.module.key} {form.compiled.name}" for form in self.forms)
+
+    def source(self) -> str:
+        """C functions element_0, element_1, ... for each integral."""
+        tags = self.forms[0].compiled.tags
+        bodies: dict[int, list[str]] = {tag: [] for tag in tags}
+        declared, modules = [], [form.compiled.module for form in self.forms]
+        unused = ", 0" * (modules[0].arguments - 4)
+        for number, form in enumerate(self.forms):
+            for tag, name in form.compiled.functions:
+                declared.append(f"INLINED ufcx_tabulate_tensor_float64 {name};")
+                bodies[tag].append(self._call(number, name, unused))
+        arguments = "double *A, const double *w, const double *c, const double *x"
+        elements = [
+            f"INLINED void element_{i}({arguments}) {{\n{''.join(bodies[tag])}}}"
+            for i, tag in enumerate(tags)
+        ]
+        # Forms of one module have the same text.
+        texts = dict.fromkeys(module.source for module in modules)
+        header = [modules[0].header, *declared, "#define for UNROLLED for"]
+        return "\n".join([*header, *texts, *elements, "#undef for"])
+
+    def _call(self, number: int, name: str, unused: str) -> str:
+        """Call of the function of a form with its own coefficients and constants."""
+        if number == 0:
+            return f"{name}(A, w, c, x{unused});\n"
+        first = sum(form.size for form in self.forms[:number])
+        indices = self.forms[number].indices_in(self.forms[0])
+        arrays = zip("wc", indices, strict=True)
+        lists = (", ".join(f"{array}[{i}]" for i in index) or "0" for array, index in arrays)
+        packed = "double own_w[] = {{{}}}, own_c[] = {{{}}}".format(*lists)
+        return f"{{ {packed};\n{name}(A + {first}, own_w, own_c, x{unused}); }}\n"
+
+
+# Blocks of cells that have their coefficients each.
+_FEW = 64
+# What is read before any step.
+_NO_STEP = StepBatch(np.zeros(1), np.ones(1))
+
+
+class FormTables:
+    """Forms as ``Form`` of c/numbers.h, of the `Problem` of tables.py."""
+
+    def __init__(self, problem: Any):
+        self._tables, self._lanes = (p := problem.c.tables), problem.constants.LANES
+        self._storage, self._ffi = problem.storage, problem.ffi
+        self._structs = Structs(self._ffi)
+        # Cells that threads take at once.
+        self._piece = problem.constants.PIECE * self._lanes if self._storage.is_large else 0
+        self._forms: BeamForms = problem.model.forms.beams
+        self._all_forms, mesh = problem.model.forms, problem.model.mesh
+        #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
+        self.rows = {"dofs": mesh.unknowns.dofs}
+        for name, n in ("internal", p.internal.per_cell), ("natural", p.natural.per_cell):
+            if n:
+                self.rows[name] = np.arange(p.cells * n).reshape(-1, n)
+        self._coordinates_of_cells = mesh.coordinates
+        #: Tables and coordinates of cells by cells, since forms have them in common.
+        self._shared: dict[bytes, tuple[dict[str, object], np.ndarray]] = {}
+        #: Numbers of the scene, which C reads here: coordinates with their cells; data of beams;
+        #: and load factors where C sets none.
+        self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
+        self._data: list[CellData] = []
+        self._factors: list[np.ndarray] = []
+        self._cells: list[Any] = []
+        self._constants: list[np.ndarray] = []
+
+    @property
+    def memory(self) -> tuple[list, list[np.ndarray]]:
+        """Structs and arrays that change, for a `BlockPlan`."""
+        arrays = [blocks for _, blocks in self._coordinates] + self._constants
+        return self._cells, arrays + [data.array for data in self._data if data.is_own]
+
+    def in_block(self, block: Any, problem: Any) -> FormTables:
+        """The tables of a run, in its block, with the numbers of its model."""
+        other, view = shallow_copy(self), block.view
+        other._tables, other._storage = problem.c.tables, problem.storage
+        other._all_forms, other._forms = problem.model.forms, problem.model.forms.beams
+        other._structs = Structs(self._ffi)
+        other._shared = {key: (data, view(x)) for key, (data, x) in self._shared.items()}
+        other._coordinates = [(cells, view(blocks)) for cells, blocks in self._coordinates]
+        other._factors = [view(factor) for factor in self._factors]
+        other._constants = [*map(view, self._constants)]
+        other._cells = [block.struct(self._ffi, x) for x in self._cells]
+        cells = (x for several in other._cells for x in several)
+        other._data = [data.in_block(block, x) for data, x in zip(self._data, cells, strict=True)]
+        model = problem.model
+        other.set_numbers(model.mesh.coordinates, model.data.forms.beams)
+        return other
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether all numbers have places of their own."""
+        return all(data.is_own for data in self._data)
+
+    def places(self, plan: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Places of data of beams in a block, by name, and the entries that are there."""
+        pairs: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+        for data in self._data:
+            for name, at, entries in data.places(plan):
+                pairs.setdefault(name, []).append((at, entries))
+        return {
+            name: (np.concatenate([at for at, _ in rows]), np.concatenate([e for _, e in rows]))
+            for name, rows in pairs.items()
+        }
+
+    def move(self, coordinates: np.ndarray, view: Callable = lambda blocks: blocks) -> None:
+        """Set coordinates of cells, here or in the `view` of a block."""
+        for cells, blocks in self._coordinates:
+            view(blocks)[...] = self._in_plane(coordinates[cells])
+
+    def set_numbers(self, coordinates: np.ndarray | None, numbers: Mapping[str, Any]) -> None:
+        """Set the numbers of a scene; coordinates of cells only if given."""
+        if coordinates is not None:
+            self._coordinates_of_cells = coordinates  # also of forms that are added later
+            self.move(coordinates)
+        self.set_load(1.0)
+        flat = {name: floats(values).ravel() for name, values in numbers.items()}
+        for data in self._data:
+            data.set_numbers(flat)
+
+    def set_load(self, factor: float) -> None:
+        """Set the load factor of virtual works in steps of a motion."""
+        for value in self._factors:
+            value[...] = factor
+
+    def all(self, names: Container[str]) -> dict[str, dict]:
+        """The wanted ones of `FORMS` that the model has, by their names in C."""
+        tables, bound = dict[str, dict](), self._forms.bound
+        for name, forms in FORMS.items():
+            known = [form for form in forms if form in bound]
+            if known and name in names:
+                tables[name] = self.of(known[-1], Kernel([bound[form] for form in known]))
+        if self._piece:
+            self._all_forms.forget_cell_entries()
+        return tables
+
+    def of(self, name: str, kernel: Kernel) -> dict[str, object]:
+        """Forms of a kernel; `name` is that of the form that takes longest to compile."""
+        p, data, fields = self._tables, self._forms.data, self._forms.data.moving
+        form, cells = kernel.forms[0], kernel.forms[0].cells
+        width = form.width
+        numbers = kernel.size, width, p.mesh.cell_coordinates
+        loaded = form.compiled.module.batches  # which stays as long as the form
+        batches = load_batches(name, kernel.key, kernel.source, len(cells), numbers, loaded)
+        starts = form.field_starts
+        moving = [(i, starts[field]) for i, field in enumerate(fields) if field in starts]
+        at_rest, known = self._forms.kind.scheme.rates.at_rest, form.constant_starts
+        step_names = ("load_increment", "load_factor") if at_rest else ("dt", "memory")
+        constants = np.array(form.constants_in(_NO_STEP)[0])
+        self._constants.append(constants)
+        parameter_members = {"parameters": len(data.parameters), "parameter": data.parameters}
+        *offsets, first = (known.get(name, -1) for name in ("time", *step_names, "parameters"))
+        named = {id(field): name for name, field in data.named.items()}
+        # C sets those that move.
+        still = {named[id(field)]: field for field in starts if field not in fields}
+        columns = [starts[field] + k for field in still.values() for k in range(field.space.width)]
+        numbers_of_cells = self._ffi.new("Cells[]", len(cells))
+        self._cells.append(numbers_of_cells)
+        for own, rows, batch in zip(numbers_of_cells, cells, batches, strict=True):
+            tables, coordinates = self._tables_of(rows)
+            integral = {"batch": batch, "cells": len(rows)} | tables
+            self._structs.set(own, of=[integral], coordinates=coordinates)
+            self._data.append(CellData(still, rows, self._lanes, self._ffi, own))
+        if "load_factor" in known and not at_rest:
+            self._factors.append(constants[known["load_factor"] :][:1])
+        form_tables = {
+            "width": width,
+            "data_width": len(columns),
+            "data_column": columns,
+            "moving": len(moving),
+            "kind": [kind for kind, _ in moving],
+            "offset": [offset for _, offset in moving],
+            **dict(zip(("time_at", "dt_at", "memory_at"), offsets, strict=True)),
+            "parameters_at": first,
+            **(parameter_members if first >= 0 else {}),
+        }
+        return {
+            "integrals": len(cells),
+            "tables": [form_tables],
+            "cells": int(self._ffi.cast("uintptr_t", numbers_of_cells)),
+            "constants": constants,
+        }
+
+    def _tables_of(self, cells: np.ndarray) -> tuple[dict[str, object], np.ndarray]:
+        """Tables of some cells, by their names in C, and coordinates."""
+        if (key := cells.tobytes()) in self._shared:
+            return self._shared[key]
+        stored_at = self._storage.stored_at[self._all_forms.cell_entries[cells]]
+        first_free = self._tables.tangent.stored
+        data: dict[str, object] = {
+            n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"
+        }
+        nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
+        data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._tables.dofs)}
+        if self._piece:
+            data |= in_colours(nodes, self._piece)
+        coordinates = self._in_plane(self._coordinates_of_cells[cells])
+        self._coordinates.append((cells, coordinates))
+        if self._tables.system.chain:
+            rows = rows_of_nodes(stored_at, first_free, self._lanes)
+            data |= rows | {"run": self._blocks(rows["run"], first_free)}
+        else:
+            data["stored_at"] = self._blocks(stored_at, first_free)
+        self._shared[key] = data, coordinates
+        return data, coordinates
+
+    def _blocks(self, rows: np.ndarray, first_free: int | None = None) -> np.ndarray:
+        return in_lanes(rows, self._lanes, first_free)
+
+    def _in_plane(self, coordinates: np.ndarray) -> np.ndarray:
+        """Blocks of x and y of coordinates (cells, 3 n) of places."""
+        places = coordinates.reshape(len(coordinates), -1, 3)[:, :, :2]
+        return self._blocks(places.reshape(len(places), -1))
+
+
+class CellData:
+    """Coefficients of the cells of an integral that do not move, from fields by name.
+
+    Few blocks of cells have numbers of their own, which are set in place; of many, C has equal
+    blocks once.
+    """
+
+    def __init__(self, fields: dict[str, Field], cells: np.ndarray, lanes: int, ffi: Any, own: Any):
+        self._fields, self._cells, self._lanes = fields, cells, lanes
+        self._ffi, self._of_c = ffi, own
+        #: Whether each block has numbers of its own.
+        self.is_own = -(-len(cells) // lanes) <= _FEW
+        if not self.is_own:
+            self._share({})
+            return
+        # Columns of each field in a block, and places of its numbers in the array of the field.
+        self._places: list[tuple[slice, np.ndarray]] = []
+        blocks, column = self._blocks({}), 0
+        self._point_to(blocks, np.arange(len(blocks), dtype=np.int32))
+        for field in fields.values():
+            places = in_lanes(field.space.dofs[cells], lanes)
+            columns = slice(column, column := column + places.shape[1])
+            self._places.append((columns, places))
+
+    def places(self, plan: Any) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """Name of each field, places of its numbers among those of a block, and their entries."""
+        first = plan.place(address_of(self.array)) // 8
+        at = first + np.arange(self.array.size).reshape(self.array.shape)
+        for name, (columns, places) in zip(self._fields, self._places, strict=True):
+            yield name, at[:, columns].ravel(), places.ravel()
+
+    def in_block(self, block: Any, own: Any) -> CellData:
+        """The coefficients of a run, in its block."""
+        other = shallow_copy(self)
+        other._of_c = own
+        if self.is_own:
+            other.array = block.view(self.array)
+        return other
+
+    def set_numbers(self, numbers: Mapping[str, np.ndarray]) -> None:
+        """Set the values of some fields, by their names."""
+        if not self.is_own:
+            self._share(numbers)
+            return
+        for name, (columns, places) in zip(self._fields, self._places, strict=True):
+            if (values := numbers.get(name)) is not None:
+                self.array[:, columns] = values[places]
+
+    def _share(self, numbers: Mapping[str, np.ndarray]) -> None:
+        """Have equal blocks once."""
+        blocks = self._blocks(numbers)
+        is_new = np.ones(len(blocks), bool)
+        is_new[1:] = (blocks[1:] != blocks[:-1]).any(axis=(1, 2))
+        data = aligned_zeros(np.count_nonzero(is_new), *blocks.shape[1:])
+        data[...] = blocks[is_new]
+        self._point_to(data, np.cumsum(is_new, dtype=np.int32) - 1)
+
+    def _blocks(self, numbers: Mapping[str, np.ndarray]) -> np.ndarray:
+        parts = [
+            numbers.get(name, field.array)[field.space.dofs[self._cells]]
+            for name, field in self._fields.items()
+        ]
+        return in_lanes(np.hstack([np.empty((len(self._cells), 0)), *parts]), self._lanes)
+
+    def _point_to(self, data: np.ndarray, numbers: np.ndarray) -> None:
+        """Have C read a block of cells in the row of `data` that `numbers` has for it."""
+        self.array, self._numbers = data, numbers
+        self._of_c.data = self._ffi.from_buffer("double[]", data)
+        self._of_c.data_at = self._ffi.from_buffer("int[]", numbers)
+
+
+def in_lanes(rows: np.ndarray, lanes: int, first_free: int | None = None) -> np.ndarray:
+    """Rows in blocks of `lanes`, column by column (blocks, columns, lanes).
+
+    The last block is padded with copies of the last row, or with indices from `first_free` on,
+    which lie apart: the processor waits where what is stored overlaps.
+    """
+    missing = -len(rows) % lanes
+    if missing:
+        padding = np.repeat(rows[-1:], missing, axis=0)
+        if first_free is not None:
+            padding[:] = first_free + 4 * np.arange(missing)[:, None]
+        rows = np.concatenate([rows, padding])
+    blocks = rows.reshape(len(rows) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
+    kind: type = np.float64 if rows.dtype == np.float64 else np.int32
+    placed = aligned_zeros(*blocks.shape, dtype=kind)
+    placed[...] = blocks
+    return placed
+
+
+def in_colours(nodes: np.ndarray, size: int) -> dict[str, object]:
+    """Pieces of so many cells with `nodes` (cells, n), by colours, and their names in C.
+
+    Pieces of a colour have no node in common.
+    """
+    piece = np.repeat(np.arange(len(nodes)) // size, nodes.shape[1])
+    pieces = int(piece[-1]) + 1
+    touched = scipy.sparse.csr_matrix((np.ones(piece.size), (piece, nodes.ravel())))
+    links = (touched @ touched.T).tocsr()
+    colour = np.full(pieces, -1)
+    for k in range(pieces):
+        taken = set(colour[links.indices[links.indptr[k] : links.indptr[k + 1]]].tolist())
+        colour[k] = next(c for c in range(len(taken) + 1) if c not in taken)
+    start = starts_of(np.bincount(colour))
+    return {
+        "colours": len(start) - 1,
+        "colour_start": start,
+        "piece": np.argsort(colour, kind="stable"),
+    }
+
+
+@cached_by_content
+def rows_of_nodes(stored_at: np.ndarray, first_free: int, lanes: int) -> dict[str, np.ndarray]:
+    """Where entries (cells, n * n) of element tangents go in a chain, by their names in C.
+
+    Those of two nodes are in three rows of a group; single ones have their own places.
+    """
+    cells, n = len(stored_at), math.isqrt(stored_at.shape[1])
+    nodes, number = n // 3, np.arange(n)
+    dofs = np.column_stack([number[: 2 * nodes].reshape(nodes, 2), number[2 * nodes :]])
+    # Those (a, b, 3, 3) of the nodes a and b.
+    entries = dofs[:, None, :, None] * n + dofs[None, :, None, :]
+    first = stored_at[:, entries[:, :, 0, 0]]
+    together = np.ones(first.shape, dtype=bool)
+    for i, j in np.ndindex(3, 3):
+        together &= stored_at[:, entries[:, :, i, j]] == first + ROW * i + j
+    # Rows behind the end lie apart: the processor waits where stored rows overlap.
+    lane = np.arange(cells + -cells % lanes) % lanes
+    run = np.empty((len(lane), nodes, nodes), dtype=np.int32)
+    run[:] = first_free + 3 * ROW * lane[:, None, None]
+    run[:cells][together] = first[together]
+    cell, a, b = np.nonzero(~together)
+    singles = entries[a, b].reshape(-1, 9)
+    start = np.searchsorted(cell, np.arange(0, cells + lanes, lanes))
+    return {
+        "run": run.reshape(len(lane), -1),
+        "single_start": 9 * start,
+        "single_from": (singles * lanes + lane[cell, None]).ravel(),
+        "single_to": stored_at[cell[:, None], singles].ravel(),
+    }
+
+
+# -- Converts a model for the compiled loop: forms, matrices and couplings as arrays ------------
+# FFCx generates the integrals along beams from the UFL, and the laws of forces at points. All
+# else is in the C files: Newton's method, couplings and nodal rates.
+
 
 # Forms of the equations.
 _OF_EQUATIONS = "internal_forces", "drag"
@@ -153,8 +672,6 @@ class ProblemInC:
         self.set(tables={"newton": newton})
         beam_nodes = model.mesh.nodes
         if len(beam_nodes) != 1 or len(beam_nodes[0]) < len(model.mesh.X):  # else all is one part
-            from .parts import part_tables
-
             parts = part_tables(model)
             room = np.zeros(2 * parts.get("count", 0))
             self.set(tables={"parts": parts}, work={"part_energy": room})

@@ -1,7 +1,8 @@
-"""The linear system in C: factors, where entries of both tangents are, and what borders it."""
+"""The linear system in C: factors, entries of both tangents, what borders it, its threads."""
 
 from __future__ import annotations
 
+import os
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -9,16 +10,44 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.coupling.reduced_tangent import ReducedTangent
-from fx_beam.coupling.reduction import Reduction
-from fx_beam.fem.sparsity import blocks_with, starts_of
+from fx_beam.coupling.reduction import ReducedTangent, Reduction
+from fx_beam.errors import SceneError
+from fx_beam.fem.mesh import blocks_with, starts_of
+from fx_beam.mpi import under_mpirun
 
-from .lu_layout import COSTS, GROUP, NONE, Factors, factors_of, graph_of, groups_of
 from .model import Model, fact, massless_dofs
 from .newton import NewtonOptions
+from .sparse_lu import COSTS, GROUP, NONE, Factors, factors_of, graph_of, groups_of
 
 if TYPE_CHECKING:
-    from fx_beam.coupling.sliders import Slide, Sliders
+    from fx_beam.coupling.dependent_columns import Slide, Sliders
+
+
+# -- How many threads share the work of a large scene -------------------------------------------
+
+
+# More are not faster: they wait for memory.
+_MOST = 4
+_VARIABLE = "FX_BEAM_THREADS"
+
+
+def thread_count() -> int:
+    """Number of threads: by default that of the cores that the process may use, at most four.
+
+    One for each process of mpirun. SceneError if the environment variable is no such number.
+    """
+    if text := os.environ.get(_VARIABLE, ""):
+        if not (text.isdecimal() and 1 <= int(text) <= 64):
+            raise SceneError(f"{_VARIABLE} = {text!r} must be a number of threads from 1 to 64")
+        return int(text)
+    if under_mpirun():
+        return 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return min(cores or 1, _MOST)
+
+
+# -- The linear system in C: factors, where entries of both tangents are, and what borders it ---
+
 
 # Columns of the block of right sides are computed in such lanes.
 _LANES = 4
@@ -54,8 +83,6 @@ class TangentStorage:
         #: Whether threads share the work of a large scene, and how many.
         self.is_large, self.threads = len(model.mesh.unknowns.dofs) >= LARGE, 1
         if self.is_large:
-            from .threads import thread_count
-
             self.threads = thread_count()
         loops = model.reduction.loops
         #: Whether bordering rows are among the sparse rows (c/bordering_rows.h).

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Set
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,17 +13,249 @@ from fx_beam.content_cache import cached_property
 from fx_beam.coupling.graph import joints_with_arms
 from fx_beam.dual import nonzero_rows
 from fx_beam.errors import SceneError, any_of
-from fx_beam.fem.frictions import bristles_of
-from fx_beam.fem.scene_data import SceneArrays
+from fx_beam.fem.beam_forms import BeamForms, BeamSlopes
+from fx_beam.fem.forms import SceneArrays
+from fx_beam.fem.point_values import Bristle, bristles_of, hand_over_slopes
 
 from .block import aligned_zeros
 from .build import begin_to_build
-from .layout import Arrays, Numbers, StepVariables, all_of, never_empty, put_columns
+from .fitted_rates import Arrays, Numbers, StepVariables, all_of, never_empty, put_columns
 from .model import Model
-from .reversals import LEAST_STEPS, all_places, histories_of, reversal_rows
-from .tables import ProblemInC
+from .tables import Kernel, ProblemInC, in_lanes
 from .tape import Part, Tape
-from .vjp_work import Members, VjpWork
+
+# -- Forces of elements as their work on weights: the local Jacobians that runs both ways follow
+
+
+#: Members of a struct in C by name.
+Members = dict[str, object]
+# Arrays of `StepVariables` and rows of `FormTables` of numbers that elements have in common, by
+# the names of derivatives; other numbers are of each element.
+_IN_COMMON = {
+    "increment": ("q1", "dofs"),
+    "start": ("q", "dofs"),
+    "q_previous": ("q previous", "dofs"),
+    "internal": ("internal", "internal"),
+    "natural": ("natural", "natural"),
+    "natural_end": ("natural1", "natural"),
+    "parameters": ("parameters", ""),
+}
+
+
+class VjpWork:
+    """Dense Jacobians of all elements, and where their numbers are in the vector of a sub-step.
+
+    They are by the configurations at the end and at the start, not by increment and start.
+    """
+
+    def __init__(self, name: str, beams: BeamForms, problem: ProblemInC):
+        assert problem.tables is not None  # as there are beams
+        #: The forms, as the array of `StepVariables` with the numbers of one element after the
+        #: other.
+        self.array, self._beams, self._tables = name, beams, problem.tables
+        self._slopes, self._lanes = BeamSlopes(beams), problem.constants.LANES
+        #: Its name in C.
+        self.name = name.replace(" ", "_")
+        nodal = dict.fromkeys(("increment", "start"), problem.c.tables.mesh.cell_dofs)
+        self._sizes = nodal | self._slopes.sizes(name)
+        self._local = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
+        self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, Members]] = {}
+
+    def first_members(self) -> Members:
+        """Members of ``Vjp`` of c/problem.h that the layout of the vector needs."""
+        has_previous = int("q_previous" in self._sizes)
+        return {"element_numbers": sum(self._local.values()), "q_previous": has_previous}
+
+    def compiled(self, has_places: bool) -> tuple[list[tuple[str, int]], Kernel, Members]:
+        """Names of derivatives, each by a weight, and their forms, also as a table for C."""
+        if has_places not in self._compiled:
+            slopes = self._slopes.jacobians(self.array, has_places)
+            kernel = Kernel([*slopes.values()])
+            table = self._tables.of("slopes of forces", kernel)
+            self._compiled[has_places] = [*slopes][1:], kernel, table  # behind the work
+        return self._compiled[has_places]
+
+    def members(self, layout: StepVariables, has_places: bool) -> Members:
+        """The other members; without derivatives by places of nodes if they are not wanted."""
+        slopes, kernel, table = self.compiled(has_places)
+        ends = {weight: i for i, (name, weight) in enumerate(slopes) if name == "increment"}
+        pieces = slopes + [key for weight in ends if (key := ("start", weight)) not in slopes]
+        numbers, weights, lanes = self._numbers(layout), self._weights(layout), self._lanes
+        first, widths = _starts(self._sizes.values()), [rows.shape[1] for rows in weights]
+        first_number = dict(zip(self._sizes, first, strict=False))
+        size = [self._sizes[name] for name, _ in pieces]
+        width = [widths[weight] for _, weight in pieces]
+        piece_start = _starts([1, *(m * n for m, n in zip(size, width, strict=True))])
+        nowhere, state_names = layout.at["nowhere"][0], _IN_COMMON.keys() - {"parameters"}
+        cells = kernel.forms[0].cells
+        sources, targets = (
+            np.concatenate([in_lanes(np.hstack(rows)[chosen], lanes, nowhere) for chosen in cells])
+            for rows in ([*numbers], weights)
+        )
+        return {
+            "slopes": table,
+            "blocks": sum(-(-len(chosen) // lanes) for chosen in cells),
+            "numbers": first[-1],
+            "state_numbers": sum(self._sizes[name] for name in self._sizes.keys() & state_names),
+            "weights": sum(widths),
+            "slope_numbers": piece_start[-1],
+            "pieces": len(pieces),
+            "made": len(slopes),
+            "piece_start": piece_start[1:-1],
+            "number_at": [first_number[name] for name, _ in pieces],
+            "piece_numbers": size,
+            "weight_at": [_starts(widths)[weight] for _, weight in pieces],
+            "piece_weights": width,
+            "end_of": [ends.get(weight, -1) if name == "start" else -1 for name, weight in pieces],
+            "from": sources,
+            "to": targets,
+        }
+
+    def of_element(self, layout: StepVariables) -> dict[str, np.ndarray]:
+        """Places (cells, n) of the numbers of each element itself, by name."""
+        cells = layout.at[self.array].reshape(-1, sum(self._local.values()))
+        parts = np.split(cells, _starts(self._local.values())[1:-1], axis=1)
+        return dict(zip(self._local, parts, strict=True))
+
+    def _numbers(self, layout: StepVariables) -> Iterator[np.ndarray]:
+        """Places (cells, n) of all numbers of the elements, in the order of the sizes."""
+        element_rows, rows = iter(self.of_element(layout).values()), self._tables.rows
+        for name, size in self._sizes.items():
+            if name not in _IN_COMMON:
+                yield next(element_rows)
+                continue
+            array, kind = _IN_COMMON[name]
+            columns = self._beams.data.parameters if name == "parameters" else rows[kind]
+            places = layout.at[array][np.reshape(columns, (-1, size))]
+            yield np.broadcast_to(places, (len(rows["dofs"]), size))
+
+    def _weights(self, layout: StepVariables) -> list[np.ndarray]:
+        """Places (cells, n) of forces, and of internal variables at the end."""
+        pairs = [("r", "dofs")]
+        if "internal" in self._sizes:
+            pairs.append(("internal1", "internal"))
+        return [layout.at[array][self._tables.rows[kind]] for array, kind in pairs]
+
+
+def _starts(sizes: Iterable[int]) -> list[int]:
+    """Where parts of some sizes begin that stand behind each other, and where the last one ends."""
+    return [0, *itertools.accumulate(sizes)]
+
+
+# -- Reversals of slip in few steps, whose times have derivatives of their own (c/reversals.h) --
+
+
+#: Sub-steps of a run that may have one.
+LEAST_STEPS = 3
+# Sub-steps from slip to one side to slip to the other one, above which their derivatives are right.
+_FEW = 8
+# Slip, relative to the stretch of the spring in the step and to all slip, that is round-off.
+_OF_STRETCH, _OF_SLIP = 1e-6, 1e-12
+# Of the sides of slip in a sub-step, that of contact which is open.
+_OPEN = 2
+# Stretch [m or rad] at which friction is at its limit, whatever the increment of the step.
+_FAR = 1e20
+# In the place of the stretch derivatives carry the time of the reversal, so much smaller that
+# outputs do not see it.
+_SMALL = 1e-30
+
+
+class Reversal(NamedTuple):
+    """Slip that reverses between two sub-steps, `last` and `next`."""
+
+    bristle: Bristle
+    last: int
+    next: int
+    #: Its sign before, and its rate and acceleration in the last sub-step.
+    sign: int
+    rate: float
+    acceleration: float
+    #: Force that limits the friction of a joint, as the mean of both sub-steps.
+    force: float
+
+    def rows(self, lengths: np.ndarray) -> Iterator[tuple[int, dict[str, object]]]:
+        """Sub-steps with their members of the C struct Reversal.
+
+        The slip rate at the reversal is extrapolated from the last two sub-steps with slip. Its
+        change over the acceleration is that of the time, by which in the middle of the next ones
+        the friction changes from one side to the other.
+        """
+        last, place = self.last, self.bristle.place
+        previous, length = lengths[last - 1 : last + 1]
+        part = min(-self.rate / self.acceleration / length, 1.5)  # of a sub-step, from its middle
+        fraction, rate_time = 2 * part * length / (previous + length), -_SMALL / self.acceleration
+        yield last - 1, {"place": place, "leads": -fraction * rate_time / previous}
+        yield last, {"place": place, "leads": (1 + fraction) * rate_time / length, "keeps": 1.0}
+        still = range(last + 1, max(last + 2, self.next))
+        middle = still[len(still) // 2]
+        for k in still:
+            row: dict[str, object] = {
+                "place": place,
+                "stretch": _FAR * self.sign,
+                "force": self.force,
+            }
+            row["share"] = 2 * part - 2 if len(still) == 1 else 0.0
+            if k < middle:
+                row["keeps"] = 1.0
+            if k == middle:
+                row["pushes"] = 2 * self.bristle.mu / lengths[k] / _SMALL
+            yield k, row
+
+
+def all_places(bristles: Sequence[Bristle]) -> np.ndarray:
+    """Places (3 n,) of stretch, slip and the force that is followed, or the stretch again."""
+    return np.ravel([(b.place, b.place + 1, b.place + 2 * b.follows) for b in bristles])
+
+
+def histories_of(tape: Tape, problem: ProblemInC, places: np.ndarray) -> np.ndarray:
+    """Internal variables (n + 1, places) of forces at points at all ends of sub-steps.
+
+    If not all rows are kept the run is repeated for them.
+    """
+    values = np.empty((len(tape) + 1, len(places)))
+    for part in tape.parts(problem):
+        boundaries = np.arange(part.first, part.end + 1)
+        states = tape.states(boundaries, "spring internal")
+        values[boundaries] = states["spring internal"][:, places]
+    return values
+
+
+def reversal_rows(
+    bristles: Sequence[Bristle], histories: np.ndarray, lengths: np.ndarray
+) -> dict[str, object]:
+    """Members of the C struct Derivatives, from `all_places` (n + 1, ...) over n sub-steps."""
+    rows = [
+        row
+        for i, bristle in enumerate(bristles)
+        for reversal in _reversals(bristle, histories[:, 3 * i : 3 * i + 3], lengths)
+        for row in reversal.rows(lengths)
+    ]
+    rows.sort(key=lambda row: row[0])
+    starts = np.searchsorted([k for k, _ in rows], np.arange(len(lengths) + 1))
+    return {"reversal_start": starts, "reversal": [row for _, row in rows]}
+
+
+def _reversals(bristle: Bristle, history: np.ndarray, dt: np.ndarray) -> Iterator[Reversal]:
+    """The reversals of one spring, from its history (n + 1, 3) at the ends of sub-steps (n,)."""
+    stretch, slip, force = history.T
+    slips = np.diff(slip)
+    least = _OF_STRETCH * abs(np.diff(stretch)) + _OF_SLIP * abs(slip).max()
+    signs = np.where(abs(slips) > least, np.sign(slips), 0).astype(int)
+    signs[(slip[1:] == 0) & (stretch[1:] == 0)] = _OPEN
+    known = np.flatnonzero(signs)
+    a, b = known[:-1], known[1:]
+    turns = (signs[a] == -signs[b]) & (b - a <= _FEW) & (a > 0) & (signs[a - 1] == signs[a])
+    for last, next_slip in zip(a[turns].tolist(), b[turns].tolist(), strict=True):
+        previous, rate = slips[last - 1 : last + 1] / dt[last - 1 : last + 1]
+        acceleration = 2 * (rate - previous) / (dt[last - 1] + dt[last])
+        # At another place of a member slip begins anew, and has not come to rest before.
+        if abs(rate) < -signs[last] * acceleration * dt[last] * (next_slip - last + 1):
+            mean = (force[last] + force[next_slip]) / 2 if bristle.follows else 0.0
+            yield Reversal(bristle, last, next_slip, int(signs[last]), rate, acceleration, mean)
+
+
+# -- The derivatives of a run: the sub-steps of a tape, followed backwards and forwards in C ----
+
 
 #: Weights by name, the numbers of their rows, and those of sub-steps of forces.
 Weights = tuple[Arrays, np.ndarray, np.ndarray]
@@ -58,8 +292,6 @@ class TapeDerivatives:
         self._structs.set(self.c, point_numbers=sum(numbers))
         members = problem.model.points.members
         if members is not None:
-            from fx_beam.fem.point_values import hand_over_slopes
-
             self._structs.set(self.c, **hand_over_slopes(members, problem.model.points.rule))
         elif not problem.c.work.factors.changing:
             self._structs.set(self.c, transposed_at=problem.storage.transposed(problem))

@@ -6,7 +6,7 @@ import hashlib
 from itertools import product
 from pathlib import Path
 
-from fx_beam import c_library, compiler, library_cache
+from fx_beam import c_library, library_cache
 from fx_beam.equilibria.statics import static
 from fx_beam.laws import schemes
 from fx_beam.motions.dynamics import simulate
@@ -63,7 +63,7 @@ def _name() -> str:
     """Name of the file in the cache that is there when all are compiled."""
     package = Path(__file__).parents[1]
     texts = [file.read_bytes() for files in _FILES for file in sorted(package.rglob(files))]
-    made_by = " ".join([*c_library.target_flags()[1], compiler.identity()])
+    made_by = " ".join([*c_library.target_flags()[1], c_library.identity()])
     return f"{hashlib.sha256(b''.join([*texts, made_by.encode()])).hexdigest()[:32]}.kinds"
 
 

@@ -5,7 +5,7 @@ import pytest
 from scenes import assert_refused, clamped_bar, one_bar
 
 import fx_beam as fb
-from fx_beam.results.fields import along_all
+from fx_beam.results.member_fields import along_all
 
 EA, GA, EI = 3e5, 1e5, 40.0
 SECTION = fb.Section(EA=EA, GA=GA, EI=EI, rhoA=2.0)

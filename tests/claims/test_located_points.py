@@ -5,8 +5,8 @@ import pytest
 from scenes import assert_refused, clamped_bar, supported_bar
 
 import fx_beam as fb
-from fx_beam.equilibria import crossings
-from fx_beam.step.step_failures import StepFailed
+from fx_beam.equilibria import critical_points
+from fx_beam.step.stepper import StepFailed
 
 
 def rigid_columns(stiffnesses, load):
@@ -46,8 +46,8 @@ def missed_point(monkeypatch):
             raise StepFailed("singular", "no pivot", np.zeros(1), [])
         return located(piece, measure, place)
 
-    located = crossings.root_of
-    monkeypatch.setattr(crossings, "root_of", root_of)
+    located = critical_points.root_of
+    monkeypatch.setattr(critical_points, "root_of", root_of)
 
 
 @pytest.mark.usefixtures("missed_point")
@@ -61,7 +61,7 @@ def test_a_step_in_which_a_mode_becomes_unstable_at_no_point_is_refused():
 @pytest.mark.usefixtures("missed_point")
 def test_what_is_not_located_is_in_the_list_with_one_warning(monkeypatch, caplog, tmp_path):
     """Some steps are accepted without a look at their points, as those to limit points."""
-    monkeypatch.setattr(crossings.Crossings, "check", lambda *_: None)
+    monkeypatch.setattr(critical_points.Crossings, "check", lambda *_: None)
     path = fb.static(rigid_columns((2.0, 5.0, 8.0), 10.0), load_steps=1)
     caplog.clear()
     first, second, missed = sorted(path.critical_points, key=lambda point: point.kind)

@@ -258,7 +258,7 @@ def test_a_force_at_a_node_but_for_round_off_is_at_this_node(length, elements):
 
 
 def test_fields_of_all_members_are_those_of_each():
-    from fx_beam.results.fields import along_all, in_rows
+    from fx_beam.results.member_fields import along_all, in_rows
 
     scene = fb.Scene()
     section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0)

@@ -9,7 +9,7 @@ from registry import ONES, SCENES
 from scenes import assert_refused, held_body, one_bar, pinned_bar, supported_bar
 
 import fx_beam as fb
-from fx_beam.step.load_loop import LoadLoop
+from fx_beam.step.stepper import LoadLoop
 
 ROLLED = fb.Section(EA=1e4, GA=1e4, EI=500.0)
 LENGTH = 10.0

@@ -187,7 +187,7 @@ def test_what_has_no_stress_says_why(tmp_path):
 
 
 def test_shapes_have_the_colours_of_the_larger_stress(tmp_path):
-    from fx_beam.results.fields import along_all
+    from fx_beam.results.member_fields import along_all
 
     section = fb.Section.tee(0.2, 0.1, 0.008, 0.011, **STEEL)
     scene, beam = clamped_bar((2.0, 0), section, 4, load=(5e3, -1e3))

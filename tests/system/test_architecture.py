@@ -117,8 +117,8 @@ HOMES = {
     "mpi4py": "mpi",
     "petsc4py slepc4py dolfinx": "",  # but for their own room
     "ffcx": "fem.ffcx_api",
-    "matplotlib": "plot.charts plot.look plot.labels plot.members plot.shape_pictures "
-    "plot.animations plot.force_diagrams plot.sheet plot.scene_drawing plot.live_page",
+    "matplotlib": "plot.charts plot.look plot.labels plot.symbols plot.shape_pictures "
+    "plot.animations plot.drawing plot.scene_drawing plot.live_page",
     "pyvista vtk vtkmodules": "plot.shape_pictures",
     "PIL imageio_ffmpeg": "plot.animations",
     "tqdm": "motions.progress",

@@ -7,7 +7,7 @@ import pytest
 from scenes import FLYING, clamped_bar
 
 import fx_beam as fb
-from fx_beam.results.fields import along_all, energy_density
+from fx_beam.results.member_fields import along_all, energy_density
 
 
 def frame(degree=2):

@@ -15,8 +15,7 @@ import pytest
 from scenes import FLYING, assert_refused, clamped_bar
 
 import fx_beam as fb
-from fx_beam.results.export import HISTORIES
-from fx_beam.results.files import replacing
+from fx_beam.results.export import HISTORIES, replacing
 from fx_beam_studies.reporting import write_csv, write_json
 
 EARLIER = b"what was there before"

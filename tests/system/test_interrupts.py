@@ -11,7 +11,7 @@ from scenes import clamped_bar, one_bar
 
 import fx_beam as fb
 from fx_beam.content_cache import cached_property
-from fx_beam.step import full_turns, held_inputs
+from fx_beam.step import full_turns, step_inputs
 from fx_beam.step.program import PROGRAMS
 from fx_beam_studies import stability
 
@@ -58,7 +58,7 @@ def test_a_step_is_taken_or_not_wherever_it_is_interrupted(
     opcodes, every, bumps, scheme, monkeypatch
 ):
     monkeypatch.setattr(full_turns, "STEPS", 3)
-    monkeypatch.setattr(held_inputs, "_BLOCK", 2)
+    monkeypatch.setattr(step_inputs, "_BLOCK", 2)
     motion, twin = (
         fb.Motion(scene, scheme, dt=DT, outputs=outputs, record=fb.Record(every=2))
         for scene, outputs in (whirling(), whirling())

@@ -17,7 +17,7 @@ import _cffi_backend
 import numpy as np
 import pytest
 
-from fx_beam import c_library, compiler, errors, library_cache
+from fx_beam import c_library, errors, library_cache
 from fx_beam.fem.compiled_laws import point_function
 
 
@@ -36,7 +36,7 @@ def forget(monkeypatch):
     """As in a process that has loaded nothing."""
     for name in ("_things", "_user_things"):
         monkeypatch.setattr(c_library, name, {})
-    compiler._facts.cache_clear()
+    c_library._facts.cache_clear()
 
 
 def form():

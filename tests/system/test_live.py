@@ -283,7 +283,7 @@ use().catch(error => tell({ error: String(error) }));
 @pytest.mark.slow
 @browser.needed
 def test_a_browser_drives_pulls_pauses_and_ends_a_motion(tmp_path, monkeypatch):
-    file, told, answer = tmp_path / "live.html", [], live_page._Run.answer
+    file, told, answer = tmp_path / "live.html", [], live_page._PageRun.answer
     page = live_page._TEMPLATE.read_text("utf-8").replace(
         "</body>", f"<script>{IN_BROWSER}</script></body>"
     )
@@ -294,7 +294,7 @@ def test_a_browser_drives_pulls_pauses_and_ends_a_motion(tmp_path, monkeypatch):
         told.extend([request["seen"]] if "seen" in request else [])
         return answer(run, request)
 
-    monkeypatch.setattr(live_page._Run, "answer", listening)
+    monkeypatch.setattr(live_page._PageRun, "answer", listening)
     with shown(arm(), limits={"torque": (-2, 2)}) as view, browser.window(view.url, tmp_path):
         assert view._ended.wait(100), told
     (seen,) = told

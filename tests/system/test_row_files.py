@@ -11,7 +11,7 @@ from scenes import assert_refused, grid, one_bar
 
 import fx_beam as fb
 from fx_beam.motions import run
-from fx_beam.results import paraview
+from fx_beam.results import member_fields
 
 SECTION = fb.Section(EA=1e5, GA=1e5, EI=50.0, rhoA=1.0, rhoI=1e-3)
 # What a solution has in memory beside the files.
@@ -95,7 +95,7 @@ CASES = {
 def few(monkeypatch):
     """Rows are written after a few steps."""
     monkeypatch.setattr(run, "_BLOCK", 400)
-    monkeypatch.setattr(paraview, "_NUMBERS", 100)
+    monkeypatch.setattr(member_fields, "_NUMBERS", 100)
 
 
 def grids(file):
@@ -184,7 +184,7 @@ def test_a_disk_full_from_the_start_is_named_and_rows_are_kept(few, tmp_path, mo
     def write(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("fx_beam.results.paraview.Grid.write", write)
+    monkeypatch.setattr("fx_beam.results.member_fields.Grid.write", write)
     with pytest.raises(OSError, match="No space left on device") as stop:
         fb.simulate(held(), dt=0.01, t_end=0.1, record=fb.Record(file=tmp_path / "rows.pvd"))
     assert len(stop.value.solution.t) > 1 and stop.value.solution.has_motion

@@ -21,7 +21,7 @@ from scenes import assert_refused
 
 import fx_beam as fb
 from fx_beam.results import export
-from fx_beam.sweeps import workers
+from fx_beam.sweeps import sweep
 from fx_beam.sweeps.sweep import Journal
 
 HERE = Path(__file__).parents[1]
@@ -97,7 +97,7 @@ def test_processes_have_one_thread_and_a_killed_one_costs_its_case(lists):
 
 
 def test_workers_that_fill_all_cores_have_one_each(lists):
-    number = workers.cores()
+    number = sweep.cores()
     rows = fb.sweep(sweep_cases.fate, [{"fate": "slow"}] * (3 * number), executor=number)
     worker_cores = {row["worker"]: row["cpus"] for row in rows}
     assert {len(cpus) for cpus in worker_cores.values()} == {1}

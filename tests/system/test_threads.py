@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
-from fx_beam.equilibria.small_motions import SmallMotions
-from fx_beam.step import tangent_storage, threads
+from fx_beam.equilibria.path_equations import SmallMotions
+from fx_beam.step import tangent_storage
 from fx_beam.step.program import PROGRAMS
 from fx_beam.step.tables import ProblemInC
 
@@ -140,7 +140,7 @@ def test_a_fork_starts_threads_of_its_own(large):
 
 
 def test_pieces_of_a_colour_have_no_node_in_common():
-    from fx_beam.step.form_tables import in_colours
+    from fx_beam.step.tables import in_colours
 
     ends = np.random.default_rng(1).integers(0, 500, 400)
     nodes = np.stack([ends, ends + 1], axis=1)
@@ -153,8 +153,8 @@ def test_pieces_of_a_colour_have_no_node_in_common():
 
 def test_processes_of_mpirun_have_one_thread_each(monkeypatch):
     monkeypatch.delenv("FX_BEAM_THREADS", raising=False)
-    monkeypatch.setattr(threads, "under_mpirun", lambda: True)
-    assert threads.thread_count() == 1
+    monkeypatch.setattr(tangent_storage, "under_mpirun", lambda: True)
+    assert tangent_storage.thread_count() == 1
 
 
 @pytest.mark.parametrize("count", ["0", "two", "-1", "100"])

@@ -22,7 +22,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
-from fx_beam.sweeps import workers
+from fx_beam.sweeps import sweep
 from fx_beam_studies import candidates
 
 #: Kept: the energy ratio differs from 1 by at most this.
@@ -436,7 +436,7 @@ def study(
     try:
         with (
             progress_bar(len(items), None, desc="runs") as bar,
-            closing(workers.run(partial(_judged, repeats=repeats), items, executor)) as outcomes,
+            closing(sweep.run(partial(_judged, repeats=repeats), items, executor)) as outcomes,
         ):
             for index, (judged, _, error) in outcomes:
                 blank = replace(items[index][0], verdict=replace(none, reason=error))

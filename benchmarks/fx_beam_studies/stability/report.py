@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.results.files import replacing
+from fx_beam.results.export import replacing
 from fx_beam_studies.reporting import beside, section, short, table, write_report
 
 from . import cases as rules

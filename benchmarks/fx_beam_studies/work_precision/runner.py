@@ -19,7 +19,7 @@ from fx_beam.motions.dynamics import simulate
 from fx_beam.motions.progress import progress_bar
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
-from fx_beam.sweeps import workers
+from fx_beam.sweeps import sweep
 from fx_beam_studies import candidates
 
 from . import accuracy
@@ -250,7 +250,7 @@ def _errors(precision: Precision, motion: _Motion, runs, fine, exact, executor, 
     done: dict[int, Measured] = {}
     completed = 0
     try:
-        with closing(workers.run(motion.measure, [every[k] for k in queue], executor)) as outcomes:
+        with closing(sweep.run(motion.measure, [every[k] for k in queue], executor)) as outcomes:
             for index, (job, _, error) in outcomes:
                 run, histories = done[queue[index]] = job or (every[queue[index]], {})
                 run.failure = run.failure or error

@@ -1,4 +1,4 @@
-/* LU factorisation of the reduced tangent as a band matrix (lu_layout.py). */
+/* LU factorisation of the reduced tangent as a band matrix (sparse_lu.py). */
 
 #pragma once
 

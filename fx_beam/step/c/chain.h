@@ -1,5 +1,5 @@
 /* Gaussian elimination of the reduced tangent of a chain, in groups of three unknowns, usually those of
-   a node: each is coupled with the ones before and after it (lu_layout.py). */
+   a node: each is coupled with the ones before and after it (sparse_lu.py). */
 
 #pragma once
 

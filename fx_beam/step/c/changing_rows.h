@@ -52,7 +52,7 @@ static void find_pairs(const System *system, ChangingRows *c, const MemberContac
     }
 }
 
-/* Substitutions that cost as much as a factorisation (lu_layout.py). */
+/* Substitutions that cost as much as a factorisation (sparse_lu.py). */
 static int worth_of(const System *system, const ChangingRows *c) {
   const SparseRows *r = &c->elimination.rows;
   double products = 0, size = r->start[r->unknowns];

@@ -1,4 +1,4 @@
-/* An order of elimination of minimum degree, and the rows of the factors with their fill-in (lu_layout.py). */
+/* An order of elimination of minimum degree, and the rows of the factors with their fill-in (sparse_lu.py). */
 
 #pragma once
 
@@ -59,7 +59,7 @@ static int put_in(const Elimination *e, Degrees *d, int g, int least) {
 }
 
 /* Eliminates the groups in an order of minimum degree; auxiliary unknowns come from the leaves of trees to the roots, and forces
-   after what they act on (lu_layout.py). What each is coupled with then remains in its list; its position is in
+   after what they act on (sparse_lu.py). What each is coupled with then remains in its list; its position is in
    `position`. */
 static void eliminate_groups(const Elimination *e) {
   int n = e->groups, all = e->first_unknown[n] + 1, least = 0, *lists = e->work, *links = lists + 2 * all;

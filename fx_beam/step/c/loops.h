@@ -1,4 +1,4 @@
-/* Closed loops of joints: unknowns that follow others (coupling/loops.py). Loops that share no unknowns are
+/* Closed loops of joints: unknowns that follow others (coupling/dependent_columns.py). Loops that share no unknowns are
    blocks for themselves, and each closure depends on few unknowns, also in long trees. */
 
 #pragma once

@@ -1,4 +1,4 @@
-/* Contact of nodes with members (laws/member_gap.py). */
+/* Contact of nodes with members (laws/gaps.py). */
 
 #pragma once
 

@@ -1,5 +1,5 @@
 /* Derivatives of contact with members: of each contact point those of its forces and internal variables, by a law that also
-   follows the nearest point at the start (laws/member_gap.py). */
+   follows the nearest point at the start (laws/gaps.py). */
 
 #pragma once
 

@@ -1,4 +1,4 @@
-/* Reversals of the slip of friction in so few sub-steps that their derivatives say nothing of its time (step/reversals.py). */
+/* Reversals of the slip of friction in so few sub-steps that their derivatives say nothing of its time (step/tape_derivatives.py). */
 
 #pragma once
 

@@ -1,6 +1,6 @@
 /* Derivatives of the relation of a node that slides on a beam (slide_relation.h) by both ends of a sub-step and by the
    shape of the beam: arc lengths, positions, coefficients and angles of its path, in the order of BeamAxis.numbers
-   (beam_axis.py). */
+   (sliders.py). */
 
 #pragma once
 

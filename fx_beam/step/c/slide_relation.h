@@ -1,4 +1,4 @@
-/* The relation of a node that slides on a beam (coupling/sliders.py), and its path (scene/beam_axis.py). */
+/* The relation of a node that slides on a beam (coupling/dependent_columns.py), and its path (scene/sliders.py). */
 
 #pragma once
 

@@ -1,4 +1,4 @@
-/* A node that slides on a beam (coupling/sliders.py). */
+/* A node that slides on a beam (coupling/dependent_columns.py). */
 
 #pragma once
 
@@ -14,7 +14,7 @@ typedef struct { int element; double factor[4], begin_slopes[4], end_slopes[4]; 
    parts of which they are sums. */
 typedef struct { double of[WINDOW_NODES], by[2][WINDOW_NODES]; int parts; WeightPart part[MOST_PARTS]; } Weight;
 
-/* Parts of the relation of a step (slide_relation.h), by the names in coupling/sliders.py; numbers at the start
+/* Parts of the relation of a step (slide_relation.h), by the names in coupling/dependent_columns.py; numbers at the start
    and at the end are next to each other. */
 typedef struct {
   Weight at[2], along[2];     /* N, and what the virtual slide multiplies: N', or (DN/Ds) at mid-step */

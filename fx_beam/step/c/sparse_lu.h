@@ -1,4 +1,4 @@
-/* LU factorisation in sparse rows (lu_layout.py), for the loop and for Python (sparse_lu.py); of symmetric matrices L D L^T. */
+/* LU factorisation in sparse rows (sparse_lu.py), for the loop and for Python (sparse_lu.py); of symmetric matrices L D L^T. */
 
 #pragma once
 

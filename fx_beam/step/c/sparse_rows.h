@@ -1,4 +1,4 @@
-/* Storage of L and U in sparse rows without pivoting (lu_layout.py). */
+/* Storage of L and U in sparse rows without pivoting (sparse_lu.py). */
 
 #pragma once
 

@@ -100,7 +100,7 @@ typedef struct {
    is a sum of entries of T, and of arms. */
 typedef struct { int count, entries, arms; const int *of, *column, *value, *arm_of, *arm; const double *sign; } Auxiliary;
 
-/* How many nodes slide on beams, and how many numbers their paths have (scene/beam_axis.py). */
+/* How many nodes slide on beams, and how many numbers their paths have (scene/sliders.py). */
 typedef struct { int count, path_numbers; } Sliders;
 
 /* The reduced tangent, in an order with little fill-in: as a chain, as a band, or in sparse rows. Unknowns, with two of each

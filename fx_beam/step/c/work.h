@@ -20,7 +20,7 @@ typedef struct {
 typedef struct { short entry, sign; int contact_point, row, column, virtual_value, value, at; } ContactPair;
 
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): the elimination from which they are
-   found; entries of T and Tv of each degree of freedom; whether factors may be kept, and the costs of lu_layout.py; number of the
+   found; entries of T and Tv of each degree of freedom; whether factors may be kept, and the costs of sparse_lu.py; number of the
    search for contact points for which the rows are, and first nodes of the windows of what slides; whether positions among the
    factors are those of the transposed tangent, -1 before there are any; pairs of all contact points, or of what slides: whether
    they are being found, and the next one. */
