@@ -494,7 +494,8 @@ class Symmetry:
         numbers = np.arange(1, len(columns) + 1)
         numbered = scipy.sparse.csr_matrix((numbers, columns, indptr), (n, n))
         # The entry across the diagonal from each: -1 where the pattern has none.
-        self._mirrored = np.asarray(numbered[columns, rows]).ravel() - 1
+        across = numbered[columns, rows] if len(columns) else columns  # of none SciPy has a matrix
+        self._mirrored = np.asarray(across).ravel() - 1
         self._rows, self._columns, self._starts = rows, columns, indptr[:-1]
         self._units = unit[rows] * unit[columns]
         # With nodes that slide on beams entries are differences of others that may be far larger.
