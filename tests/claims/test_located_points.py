@@ -61,7 +61,7 @@ def test_a_step_in_which_a_mode_becomes_unstable_at_no_point_is_refused():
 @pytest.mark.usefixtures("missed_point")
 def test_what_is_not_located_is_in_the_list_with_one_warning(monkeypatch, caplog, tmp_path):
     """Some steps are accepted without a look at their points, as those to limit points."""
-    monkeypatch.setattr(critical_points.Crossings, "check", lambda *_: None)
+    monkeypatch.setattr(critical_points.Crossings, "check_stability", lambda *_: None)
     path = fb.static(rigid_columns((2.0, 5.0, 8.0), 10.0), load_steps=1)
     caplog.clear()
     first, second, missed = sorted(path.critical_points, key=lambda point: point.kind)
