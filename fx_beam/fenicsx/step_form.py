@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -231,6 +232,7 @@ class DolfinxFields:
 Resultants = Callable[[Step, Law], StepResultants]
 #: Stored energy per length of axial strain, shear strain and curvature.
 StrainEnergy = Callable[[Expr, Expr, Expr], Expr]
+_log = logging.getLogger("fx_beam")
 # Works and losses of a step that belong to the resultants of the scene.
 _COUNTED = {"lost energy", "scheme's loss", "work of natural strains"}
 
@@ -286,6 +288,11 @@ class StepForm:
         self._counted: set[str] = before._counted if before else _COUNTED & forms.keys()
         if self.replaced:
             self._refuse_counted("replace_resultants", {"scheme's loss"})
+            if "work of natural strains" in self._counted:
+                _log.warning(
+                    "fenicsx: replace_resultants: the work of natural strains that change, in "
+                    "Energy.work, is by the resultants of the scene, not by these"
+                )
         names = [name for name in ("internal forces", "drag") if name in forms]
         #: Terms of the scene, and of a user. Each is assembled by itself: FFCx 0.5 confuses
         #: quadrature rules.

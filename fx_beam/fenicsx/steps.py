@@ -309,6 +309,11 @@ class DolfinxSteps:
             [J/m], after its `update`, from the strains at the end and Functions at both ends of
             the step. It is part of `Energy.dissipated`.
 
+        Notes
+        -----
+        In scenes with natural strains a warning says that their work, in `Energy.work`, is by the
+        resultants of the scene.
+
         Raises
         ------
         SceneError

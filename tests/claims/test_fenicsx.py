@@ -311,7 +311,7 @@ def test_symbols_of_another_mesh_and_without_values_are_refused_wherever_they_en
     problem.run(2 * DT)
 
 
-def test_fields_of_the_step_before_replaced_resultants_are_refused():
+def test_fields_of_the_step_before_replaced_resultants_are_refused(caplog):
     """Steps no longer set them: a foundation on them had no force, tip -0.30 for -0.07."""
     scene, beam = cantilever()
     scene.add_natural_strain(beam, axial=0.0)
@@ -327,6 +327,7 @@ def test_fields_of_the_step_before_replaced_resultants_are_refused():
 
     assert_refused("the step before", problem.replace_resultants, of_before)
     problem.replace_resultants(same)
+    assert "work of natural strains that change, in Energy.work" in caplog.text
     for u in (step.u, step.u0, step.v):
         assert_refused("the step before", problem.add, ufl.dot(u, problem.step.virtual_u) * dx)
         assert_refused("the step before", problem.interpolate, u[0])
