@@ -129,7 +129,7 @@ def _both_directions(
 
 
 class Found(enum.IntEnum):
-    """Results of `MemberContacts.check_search`: all is fine, points moved or slid too far, or passed."""
+    """Results of a search: all is fine, points moved or slid too far, or passed."""
 
     FINE, MOVED, PASSED, SLID = range(4)
 
