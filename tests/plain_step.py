@@ -66,7 +66,7 @@ class PlainStep:
         for _ in range(8):  # until all members are known that a point touches
             inner = forces.internal(self.D)
             members = model.points.members
-            if members is None or members.check(self.D) == 0:
+            if members is None or members.check_search(self.D) == 0:
                 break
         model.forms.compiled_points.evaluate_slides(self.z)
         added = self.mean(self.forcing.forces(interval))

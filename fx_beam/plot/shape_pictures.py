@@ -691,26 +691,27 @@ class _Panel:
     ) -> None:  # fmt: skip
         """Write values beside their tips, the largest first."""
         picks = [
-            (curve, i)
-            for known in curves
-            for name, curve in known.items()
+            (name, curve, i)
+            for members in curves
+            for name, curve in members.items()
             for i in self._picks(name, curve, largest, supports)
         ]
         if len(curves[0]) > _NAMED and picks:
-            value_of = lambda pick: pick[0].values[pick[1]]  # noqa: E731
+            value_of = lambda pick: pick[1].values[pick[2]]  # noqa: E731
             highest, lowest = max(picks, key=value_of), min(picks, key=value_of)
             picks = [highest] if highest is lowest else [highest, lowest]
-        written_at: list[tuple[float, np.ndarray]] = []
-        for curve, i in picks:
+        known: list[tuple[str, float, np.ndarray]] = []
+        for name, curve, i in picks:
             value, foot = float(curve.values[i]), curve.points[i]
-            # Members at a rigid corner have the same moment.
+            # Members at a rigid corner have the same moment, and both sides of a support.
             if any(
-                abs(abs(other) - abs(value)) < _SAME * largest
+                abs(abs(value) - abs(other)) < _SAME * largest
+                and (member != name or value * other > 0)
                 and np.hypot(*(place - foot)) < _CORNER * pen.point
-                for other, place in written_at
+                for member, other, place in known
             ):
                 continue
-            written_at.append((value, foot))
+            known.append((name, value, foot))
             outwards = np.sign(value) * curve.sides[i]
             tip = foot + scale * abs(value) * outwards
             pen.ring(tip, 1.8 * self._thin, self._theme.ink, width=0.0, z=4)
