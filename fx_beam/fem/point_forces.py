@@ -342,7 +342,6 @@ class CompiledPoints:
     def _build(self) -> None:
         points, (ffi, self._c) = self.points, c_library.open_library(*LIBRARY)
         self._doubles = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
-        self._integers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
         self._structs, laws = Structs(ffi), [placed.law for placed in points.placed]
         self._all, self._ffi = ffi.new("PointForces *"), ffi
         self._probe = np.zeros(max((law.size + 2 * law.law.size for law in laws), default=1))
@@ -463,12 +462,6 @@ class CompiledPoints:
         if self.points.any:
             ends = self.points.external.start, self.points.external.stop
             self._c.fx_add_points(self._all, *ends, -1.0, self._doubles(out))
-
-    def add_tangent(self, values: np.ndarray) -> None:
-        """Add their derivatives by the increments to the entries of the stiffness."""
-        if self.points.placed:
-            value_at = self._integers(self.points.value_at)
-            self._c.fx_add_point_tangents(self._all, value_at, self._doubles(values))
 
     def on_slides(self, entry: int) -> np.ndarray:
         """Forces (0) on the slides, or their slopes (1)."""

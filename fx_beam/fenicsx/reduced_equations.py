@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.laws.interval import Interval, StepBatch, instant
+from fx_beam.laws.interval import Interval, instant
 from fx_beam.results.state import State
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.step.equations import Equations as EngineEquations
@@ -310,8 +310,6 @@ class ReducedEquations:
         model, interval = self.model, instant(state.t, _SLOW)
         still = state.changed(v=0 * state.v, a=0 * state.a)
         self._begin(interval, still, state.natural)
-        batch = StepBatch.single(state.t, _SLOW, q=still.q, v=still.v, slides=still.slides)
-        model.forms.compiled_points.begin_step(interval, batch)
         self._y, self._driven = np.zeros(model.reduction.free), np.zeros(model.reduction.driven)
         self.evaluate(self.y)
         K = self.tangent().copy()

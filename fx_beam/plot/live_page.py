@@ -164,9 +164,8 @@ class _PageRun:
         self._numbers = [node.number for node in self._nodes]
         self._axes = Figure((8, 8)).add_axes((0, 0, 1, 1))
         low, high = np.array(self._window)
-        half = max(high - low) / 2
-        limits_of = ((x - half, x + half) for x in ((low + high) / 2).tolist())
-        self._axes.set(**dict(zip(("xlim", "ylim"), limits_of, strict=True)))
+        (x, y), half = (low + high) / 2, max(high - low) / 2
+        self._axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
         masses = [mass for _, mass, _ in scene.masses]
         for beam in drawing.solution.beams.values():
             masses.append(beam.length * float(beam.section.values("rhoA", np.array([0.5]))[0]))
