@@ -87,10 +87,10 @@ def draw_energy(ax, theme, motions, k):
     ax.set_ylabel("energy, relative", color=theme.ink, fontsize=9)
     ax.text(1.012, 0.0, "t [s]", color=theme.soft, transform=ax.transAxes, **look)
     if now > bad.t[-1]:
-        words = f"Newmark: \u00d7 {wrong[-1]:.1f}, then no step converges"
+        words = "Newmark: energy from nothing, then no step converges"
         ax.text(bad.t[-1] + 0.02, 2.02, words, color=theme.text(ACTS), **look)
     if now > 1.3:
-        drift = abs(energy[good.t >= 0.5] - 1).max()
+        drift = 10 ** np.ceil(np.log10(abs(energy[good.t >= 0.5] - 1).max()))
         words = f"EnergyMomentum: constant to {drift:.0e}"
         ax.text(1.02, 0.62, words, color=theme.text(MEMBERS[0]), **look)
 
