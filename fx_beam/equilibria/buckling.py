@@ -109,6 +109,11 @@ def _modes(path: LoadPath, n: int) -> BucklingModes:
     path.stepper.path.held[:] = 0.0  # forces that hold the state do not fade
     check_forces(path.model)
     small, motions = SmallLoads("buckling", path.stepper, first), path.stepper.motions
+    if not small.acts:
+        raise SceneError(
+            f"buckling: no load acts at t = {path.options.t:g}. Add one to the scene, or give "
+            "buckling the t at which loads that are functions of time act"
+        )
     factors, vectors = _lowest(small, path.stepper, n)
     _warn_of_strains(small, path.model, factors)
     zeros = np.zeros(len(factors))
@@ -163,8 +168,8 @@ def _lowest(small: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray
     motions = stepper.motions
     K = motions.stiffness(small.state)
     size, unit = K.shape[0], scipy.sparse.diags(motions.unit)
-    if not size or not small.acts:
-        raise SceneError("buckling: the scene has no loads" if size else "buckling: nothing moves")
+    if not size:
+        raise SceneError("buckling: nothing moves")
     if not motions.symmetric(K) or motions.growing(small.state, K) != (0, 0):
         raise SceneError(
             "buckling: the state is no stable equilibrium. Reduce its loads, or support it"

@@ -310,6 +310,11 @@ def pulled(scene, beam):
     scene.add_force(beam.end, (0, 1.0))
 
 
+def heated_later(scene, beam):
+    two_clamps(scene, beam)
+    scene.add_natural_strain(beam, axial=lambda t: 1e-7 * t)
+
+
 def loose(scene, beam):
     scene.pin(beam.start)
     scene.add_force(beam.end, (0, -1.0))
@@ -321,7 +326,8 @@ def loose(scene, beam):
     [
         (following, "the scene has loads that follow the motion"),
         (pulled, "no positive load factor: the loads make nothing unstable"),
-        (cantilever, "no loads"),
+        (cantilever, "no load acts at t = 0"),
+        (heated_later, "no load acts at t = 0. .* the t at which loads"),
         (loose, "no stable equilibrium|can rotate about"),
     ],
 )
