@@ -276,6 +276,13 @@ def checked_function(value: object, size: int, name: str, *sample: float) -> Sig
     The user's function is called once at `sample`, so that errors show before the run.
     """
     if not callable(value):
+        parts = value if size > 1 and isinstance(value, (list, tuple)) else ()
+        if any(callable(part) or isinstance(part, Input) for part in parts):
+            raise SceneError(
+                f"{name}: {shown(value)} has a function or an input as a component. Give one "
+                "function of all components, such as lambda t: (f(t), 0.0), or one Input, such as "
+                "fx_beam.Input('push', factor=(1, 0))"
+            )
         return Signal(None, size, name, vector(value, size, name))
     if hasattr(value, "ufl_shape") and not is_number(value):  # it gives its value at the beginning
         expected = "give a number, a function or an fx_beam.Input"

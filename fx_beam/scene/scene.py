@@ -144,13 +144,12 @@ class Scene:
 
     @gravity.setter
     def gravity(self, gravity: Sequence[float] | Callable | Input | None) -> None:
-        varies = callable(gravity) or isinstance(gravity, Input)
-        steady = None if varies or gravity is None else vector(gravity, 2, "gravity")
+        value = None if gravity is None else time_function(gravity, 2, "gravity")
         other_loads = [load for load in self.loads if load.kind != "gravity"]
-        if varies:
-            value = time_function(gravity, 2, "gravity")
+        self._gravity = value.value if value and value.is_constant else None
+        if value and not value.is_constant:
             other_loads.insert(0, loads.Load("gravity", None, value))
-        self._gravity, self.loads[:] = steady, other_loads
+        self.loads[:] = other_loads
         self.changes += 1
 
     def __repr__(self):
