@@ -19,6 +19,7 @@ from fx_beam.errors import (
     is_name,
     is_one_of,
     require,
+    shown,
     vector,
 )
 
@@ -223,7 +224,11 @@ class Scene:
         """
         name = self.beams.new_name(name)
         if not isinstance(section, Section):
-            raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
+            tapered = ". Of a tapered beam the numbers of a Section are functions of the fraction"
+            raise SceneError(
+                f"beam {name!r}: section must be an fx_beam.Section, not {shown(section)}"
+                + tapered * callable(section)
+            )
         degree = checked_degree(degree, self.beams, f"beam {name!r}")
         self.parameters.add(functions_of_section(section), "add_beam: section")
         line = layout(points, elements, degree, name)

@@ -191,7 +191,7 @@ REFUSED = {
         (lambda p: p.beam_of(degree=4), "degree = 4 must be 1, 2 or 3"),
         (lambda p: p.beam_of(degree=2), "degree 2 differs from degree 1 of 'arm'"),
         (lambda p: p.beam_of(name="arm"), "two beams are called 'arm'"),
-        (lambda p: p.beam_of(section=fb.Section), "section must be an fx_beam.Section"),
+        (lambda p: p.beam_of(section=fb.Section), "section must be an fx_beam.Section.*tapered"),
         (lambda p: p.beam.node(0.3), r"'arm' has no node at the fraction 0.3.*\[0. , 0.5, 1. \]"),
         (lambda p: fb.arc((0, 0), (1, 1), (2, 2)), "on a line"),
         (lambda p: fb.arc((0, 0), (1, 1), (0, 0)), "coincide"),
