@@ -174,7 +174,7 @@ def _first_in_depth(
     for first in range(0, len(q), rows - 1):
         points, arms, reach = _arms(obstacle, shape, solution.X, q[first : first + rows], nodes)
         distances = _lengths(arms)
-        bad = deep = distances < reach - _DEEP * shape.radius
+        bad = deep = distances < (1 - _DEEP) * reach
         if whole:
             bad = deep.copy()
             bad[1:] |= _through(arms, distances, reach)
@@ -182,8 +182,9 @@ def _first_in_depth(
             k, i = np.argwhere(bad)[0]
             finding = "has gone through the circle in one step"
             if deep[k, i]:
-                depth, radius = reach[k, i] - distances[k, i], shape.radius
+                depth, radius = reach[k, i] - distances[k, i], reach[k, i]
                 finding = f"lies {depth:.3g} deep in the circle, which has the radius {radius:.3g}"
+                finding += " together with its own" if obstacle.radius else ""
             return first + int(k), points[k, i], finding
     return None
 
@@ -200,7 +201,7 @@ def goes_through(obstacle: Contact, X: np.ndarray, q: np.ndarray, nodes: np.ndar
     distances = _lengths(arms)
     start_gaps, end_gaps = distances - reach
     # Soft contacts get deep over several steps; from outside, within one step, it is a jump.
-    jumps = (start_gaps > (_THROUGH - 1) * shape.radius) & (end_gaps < -_DEEP * shape.radius)
+    jumps = (start_gaps > (_THROUGH - 1) * reach) & (end_gaps < -_DEEP * reach)
     return bool(jumps.any() or _through(arms, distances, reach).any())
 
 

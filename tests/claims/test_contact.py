@@ -650,6 +650,21 @@ def test_a_wheel_that_goes_deep_into_a_beam_is_told(spring, stiffness, every, sa
     assert bool(re.search(says, caplog.text)) and bool(caplog.text) == bool(says)
 
 
+@pytest.mark.parametrize(
+    ("stiffness", "says"), [(3e3, "^$"), (30.0, "deep in the circle, which has the radius 0.303 t")]
+)
+def test_how_deep_a_ball_lies_is_measured_by_both_radii(stiffness, says, caplog):
+    """Pressed on a peg of a hundredth of its radius: at most 3.3 mm, or until it falls through."""
+    scene = fb.Scene()
+    ball = scene.add_body((0.0, 0.303 + 1e-6), mass=1.0, inertia=0.1).centre
+    scene.fix(ball, "x", "rotation")
+    scene.add_contact(ball, fb.Circle((0, 0), 0.003), stiffness=stiffness, radius=0.3)
+    scene.add_force(ball, (0.0, -10.0))
+    scene.add_spring(ball, y=[fb.Spring(1e-3), fb.Damper(10.0)])
+    fb.simulate(scene, dt=0.01, t_end=1.0)
+    assert re.search(says, caplog.text)
+
+
 def test_a_point_whose_rows_lie_on_both_sides_of_a_circle_has_not_gone_through(caplog):
     scene, body, _ = hinged_body((1.0, 0.0), 1.0, 1.0, {"hub": (0, 0)})
     scene.set_velocity(body, (0.0, 1.0), spin=1.0)
