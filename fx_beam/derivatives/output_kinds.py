@@ -34,7 +34,6 @@ from .parametrised import (
     DualArrays,
     Gradient,
     jvp,
-    of_entries,
     of_names,
     of_rows,
     vjp,
@@ -532,8 +531,7 @@ class ResultantOutput(RowOutput):
         model = self._sub_steps.model
         assert model.forms.beams is not None
         self._beams = model.forms.beams
-        names = [member.name for member in model.scene.beams]
-        self._cells = model.mesh.cells[names.index(measured.place.name)]
+        self._cells = model.mesh.cells[model.scene.beams.number_of(measured.place.name)]
         self._component = "NQM".index(measured.name)
         self.shape = (len(self._cells) * model.forms.internal_shape[1],)
         self._rows, self._steps, self._shares = places.means()
@@ -610,7 +608,8 @@ class PullOutput(LineOutput):
             )
             yield from sub_steps.in_steps(numbers, blocks)
         if len(places.at_start):
-            yield of_entries(_AT_START, self._line, 0, places.at_start, 1.0)
+            ones = np.ones(len(places.at_start))
+            yield of_rows(_AT_START, places.at_start, ones, first=self._line)
 
 
 class LineEnergyOutput(LineOutput):
@@ -702,8 +701,8 @@ def numbers_of_sections(
 
 def _cell(model: Model, place: BeamPlace) -> int:
     """Number of the element of a place."""
-    names = [beam.name for beam in model.scene.beams]
-    return int(model.mesh.cells[names.index(place.beam.name)][place.element[0]])
+    cells = model.mesh.cells[model.scene.beams.number_of(place.beam.name)]
+    return int(cells[place.element[0]])
 
 
 def _on_element(

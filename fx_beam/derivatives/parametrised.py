@@ -63,21 +63,6 @@ def of_names(rows: np.ndarray, derivatives: Mapping[str, np.ndarray]) -> Iterato
     return (of_rows(name, rows, values) for name, values in derivatives.items() if values.size)
 
 
-def of_entries(
-    name: str,
-    entries: ArrayLike,
-    parts: ArrayLike,
-    rows: np.ndarray,
-    derivatives: ArrayLike,
-    places: Chosen | None = None,
-) -> DerivativeBlock:
-    """A block where component parts[e] of each row depends on one entry, entries[e], alone."""
-    entries, parts = np.atleast_1d(entries), np.atleast_1d(parts)
-    values = np.empty((len(rows), len(entries)))
-    values[:] = np.reshape(derivatives, (-1, 1))
-    return DerivativeBlock(name, entries, rows, values, places, parts)
-
-
 def vjp(blocks: Iterable[DerivativeBlock], weights: np.ndarray, gradient: Gradient) -> None:
     """Add the derivatives of the sum of weights (n, ...) times an output."""
     weights = weights[:, None] if weights.ndim == 1 else weights

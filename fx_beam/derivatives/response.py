@@ -6,7 +6,7 @@ import functools
 import itertools
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,16 +54,10 @@ from .parametrised import ParameterFunction, Parametrised, along, one_call, refu
 Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, np.ndarray]]]
 
 
-class _Run(Protocol):
-    def __call__(self, x: ArrayLike) -> tuple[np.ndarray, dict[str, np.ndarray]]: ...
-    def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray: ...
-    def jacobian(self, *names: str) -> dict[str, np.ndarray]: ...
-
-
 class Objective:
     """A number of a whole motion, and its derivatives by x."""
 
-    def __init__(self, run: _Run, function: Cost):
+    def __init__(self, run: Response, function: Cost):
         check_takes(function, "t, y", "objective: function")
         self._run, self._function = run, function
 
@@ -103,16 +97,14 @@ class Misfit:
 
     def __init__(
         self,
-        run: _Run,
-        last_x: Callable[[], np.ndarray],
+        run: Response,
         measured: Mapping[str, ArrayLike],
         scatter: ArrayLike | Mapping[str, ArrayLike],
     ):
         subject = "misfit: measured"
         ok = isinstance(measured, Mapping) and len(measured) > 0
         require(ok, subject, measured, "a dict of arrays by names of outputs")
-        self._run, self._last_x = run, last_x
-        pairs = measured.items()
+        self._run, pairs = run, measured.items()
         self._measured = {name: _measured(rows, f"{subject}[{name!r}]") for name, rows in pairs}
         scatters = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
         same_names = scatters.keys() == measured.keys()
@@ -133,7 +125,7 @@ class Misfit:
 
     def jacobian(self, x: ArrayLike) -> np.ndarray:
         """Derivatives (n, m) of deviations by x; without a motion if the last one was that of x."""
-        if not np.array_equal(self._last_x(), x):
+        if not np.array_equal(self._run._last_x(), x):
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
         self._check_shapes({name: slopes[..., 0] for name, slopes in J.items()})
@@ -675,7 +667,7 @@ class Response(ParameterFunction):
         >>> least_squares(misfit, [1.0], jac=misfit.jacobian).x.round(6)
         array([2.])
         """
-        return Misfit(self, self._last_x, measured, scatter)
+        return Misfit(self, measured, scatter)
 
     def _begin_derivatives(self, method: str, outputs: Outputs) -> tuple[Any, ...]:
         """The tape of the last call, the derivatives of its steps, and of all numbers by x.

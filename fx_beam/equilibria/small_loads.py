@@ -307,7 +307,7 @@ class SmallLoads:
         own = (floats(loads.dead.series(t)) @ loads.dead.unit_loads.T)[0]
         if loads.weight is not None:
             own = own + floats(loads.weight)
-        cells = mesh.cells[[b.name for b in model.scene.beams].index(beam)]
+        cells = mesh.cells[model.scene.beams.number_of(beam)]
         nodes = mesh.elements[cells]
         turned, turns = (x[mesh.turns][nodes[:, [0, -1]]] for x in (self.D, self.state.q))
         forces = (self._forces - own.reshape(self._forces.shape))[cells][:, [0, -1]]
