@@ -13,6 +13,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import Failure, answering, is_one_of, real_array, require
 from fx_beam.scene.beam import Beam, gauss_rule, lagrange
 from fx_beam.scene.loads import label
+from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.section import check_sizes
 
 # -- Section forces N, Q and M at any place of a beam, from the balance of its elements ---------
@@ -218,8 +219,6 @@ class Energy:
         )
 
     def _repr_html_(self):
-        from fx_beam.scene.notebook import html_table, sketch
-
         shades = "#000", "#0072B2", "#D55E00", "#009E73"
         values = {name: getattr(self, name) for name in ("total", "kinetic", "strain", "potential")}
         largest = max(abs(energy).max() for energy in values.values()) or 1.0
@@ -408,8 +407,6 @@ class Stats:
         )
 
     def _repr_html_(self):
-        from fx_beam.scene.notebook import html_table
-
         known = {name.replace("_", " "): value for name, value in vars(self).items() if value}
         words = {name: f"{x:.3g}" if isinstance(x, float) else str(x) for name, x in known.items()}
         return html_table("Stats", words)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -12,13 +11,14 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from fx_beam.errors import SceneError, is_one_of, shown
+from fx_beam.errors import SceneError, is_one_of, no_attribute, shown
 from fx_beam.scene.beam import Beam, BeamPlace, Node, no_node
 from fx_beam.scene.body import Body
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
+from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.outputs import (
     OF_NODES,
     Output,
@@ -32,33 +32,17 @@ from fx_beam.scene.outputs import (
 from fx_beam.scene.parts import Parts
 from fx_beam.scene.scene import Scene
 
-from .records import BeamResultants, Energy, Stats, facts, known_resultants, read_only
+from . import export, joined, joint_and_contact_motion as over_time, member_fields
+from .joint_and_contact_motion import ContactMotion, GearMotion, JointMotion, PullMotion
+from .records import BeamResultants, BeamStress, Energy, Stats, facts, known_resultants, read_only
 from .state import HISTORIES, State
 
 if TYPE_CHECKING:
     from fx_beam.scene.gears import Gear
 
-    from . import export, joined, member_fields
-    from .joint_and_contact_motion import ContactMotion, GearMotion, JointMotion, PullMotion
-    from .records import BeamStress
 
 # What is set when it is first read.
 _LATER = {*HISTORIES, "energy", "end"}
-
-
-class _LazyMethod:
-    """A method that stands in another file, which is loaded when it is first asked for."""
-
-    def __init__(self, file: str):
-        self._file = file
-
-    def __set_name__(self, owner: type, name: str):
-        self._name = name
-
-    def __get__(self, instance: Any, owner: type) -> Any:
-        module = importlib.import_module(f".{self._file}", __package__)
-        setattr(owner, self._name, getattr(module, self._name))
-        return getattr(owner if instance is None else instance, self._name)
 
 
 class Solution:
@@ -211,8 +195,6 @@ class Solution:
     def __getattr__(self, name: str) -> Any:
         """Attribute that is set when it is first read."""
         if name not in _LATER or "_histories" not in self.__dict__:
-            from fx_beam.errors import no_attribute
-
             raise no_attribute(self, name, dir(type(self)))
         value: Any = self._end if name == "end" else self._histories[name]
         if name in HISTORIES:
@@ -245,8 +227,6 @@ class Solution:
         )
 
     def _repr_html_(self):
-        from fx_beam.scene.notebook import html_table, sketch
-
         rows = np.unique(np.linspace(0, len(self.q) - 1, 5).astype(int)) if self.has_motion else []
         lines = [
             self.X[nodes] + self.q[k, nodes, :2]
@@ -480,16 +460,12 @@ class Solution:
                 f"{joint} belongs to another scene; the joint of this number is here a "
                 f"{recorded.kind} of the nodes {recorded.a} and {recorded.b}"
             )
-        from .joint_and_contact_motion import JointMotion
-
         return JointMotion(self, joint)
 
     def _gear(self, gear: Gear) -> GearMotion:
         self.joint(gear.joint_a), self.joint(gear.joint_b)  # are they of this solution?
         if not 0 <= gear.number < self.slides.shape[1]:
             raise ValueError(f"{gear} is not in this solution; take what add_joint returned")
-        from .joint_and_contact_motion import GearMotion
-
         return GearMotion(self, gear)
 
     def _line(self, line: ForceBetween) -> PullMotion:
@@ -501,8 +477,6 @@ class Solution:
         for point in line.points:
             if isinstance(point, Node):
                 _node_number(self, point)
-        from .joint_and_contact_motion import PullMotion
-
         return PullMotion(self, line)
 
     # -- Parameters -----------------------------------------------------------------------------
@@ -551,8 +525,6 @@ class Solution:
         other = recorded.shape != contact.shape and not isinstance(recorded.shape, Beam)
         if str(recorded) != str(contact) or other:
             raise ValueError(f"{contact} belongs to another scene; this solution has {recorded}")
-        from .joint_and_contact_motion import ContactMotion
-
         return ContactMotion(self, recorded)
 
     # -- Beams ----------------------------------------------------------------------------------
@@ -633,8 +605,6 @@ class Solution:
         >>> stress.upper[-1].round(), stress.shear[-1].round()
         (array([3000000.]), array([-60000.]))
         """
-        from .records import BeamStress
-
         return BeamStress(self.beams[_beam_name(self, beam)], self.resultants(beam))
 
     def internal(self, beam: Beam | str, variable: str | None = None) -> np.ndarray:
@@ -662,9 +632,7 @@ class Solution:
         internal_names = [name for name in known if name not in NAMES.values()]
         if variable is None and len(internal_names) == 1:
             (variable,) = internal_names
-        from .joint_and_contact_motion import internal_variable
-
-        return internal_variable(self, known, variable, f"beam {name!r}")
+        return over_time.internal_variable(self, known, variable, f"beam {name!r}")
 
     def value(self, output: Output) -> np.ndarray:
         """An output over time, as `Motion` gives it at each step.
@@ -714,9 +682,7 @@ class Solution:
                 _node_number(self, place)
             else:
                 _beam_name(self, place.beam)
-            from .joint_and_contact_motion import measured_in, values_in
-
-            return values_in(self, measured_in(self, output))
+            return over_time.values_in(self, over_time.measured_in(self, output))
         if isinstance(place, Contact):
             contact = self.contact(place)
             rows = contact.gap.min(axis=1) if name == "gap" else contact.force.sum(axis=1)
@@ -726,14 +692,9 @@ class Solution:
 
     # -- Files and tables -----------------------------------------------------------------------
 
-    if TYPE_CHECKING:
-        save, to_csv = export.save, export.to_csv
-        to_pandas, to_xarray = export.to_pandas, export.to_xarray
-        then, to_paraview = joined.then, member_fields.to_paraview
-    else:
-        save, to_csv = _LazyMethod("export"), _LazyMethod("export")
-        to_pandas, to_xarray = _LazyMethod("export"), _LazyMethod("export")
-        then, to_paraview = _LazyMethod("joined"), _LazyMethod("member_fields")
+    save, to_csv = export.save, export.to_csv
+    to_pandas, to_xarray = export.to_pandas, export.to_xarray
+    then, to_paraview = joined.then, member_fields.to_paraview
 
     def recorded(self, name: str) -> np.ndarray:
         """A history that the `Record` may have omitted.

@@ -28,6 +28,7 @@ from .beam import Beam, Node, position_of
 from .contacts import points_of
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .functions import TimeValue
+from .notebook import html_table
 from .parameters import is_parameter, value_of
 
 if TYPE_CHECKING:
@@ -102,8 +103,6 @@ class ForceBetween:
         return f"<{self}>"
 
     def _repr_html_(self):
-        from .notebook import html_table
-
         rows = {"laws": str(self.on)} if self.on.acts else {}
         if self.force is not None:
             rows["force"] = "a function" if callable(self.force) else str(self.force)

@@ -15,6 +15,7 @@ from fx_beam.errors import IS_DATA, SceneError, real_array, require, shown, vect
 from .beam import Beam, Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
 from .functions import Numbers, time_function
+from .notebook import html_table
 
 # Largest gap of a joint that is made at a solution, relative to the size of the scene.
 _FITS = 1e-6
@@ -123,8 +124,6 @@ class Joint:
         return f"<{self}>"
 
     def _repr_html_(self):
-        from .notebook import html_table
-
         rows = {name: str(c) for name, c in self.coordinates.items()}
         return html_table(str(self), {"offset": str(self.offset)} | rows)
 

@@ -23,20 +23,21 @@ from fx_beam.errors import (
     vector,
 )
 
-from . import loads
+from . import forces_between as lines, loads
 from .beam import COMPONENTS, Beam, BeamPlace, Node, Nodes, checked_degree, position_of
 from .body import Body, Members, check_body, velocities_of
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
-from .curve import Curve, layout
-from .forces_between import ForceBetween, Point, Pull, checked_force, parameter_of_length
+from .curve import Curve, MeshBeams, layout, mesh_layout, sections_of, shifted
+from .forces_between import Bed, ForceBetween, GroundSprings, Point, Pull, Pulley, checked_force
 from .functions import ArrayCalls, Input, Signal, TimeValue, is_open_input, time_function
 from .joints import GROUND, Joint, Revolute, Rigid, coupling_of, moved_by, placed
 from .law import functions_of_energy
-from .loads import NaturalStrain, changed_strain, natural_strain
+from .loads import NaturalStrain, Shaking, acceleration, changed_strain, natural_strain
+from .notebook import facts, html_table, sketch
 from .parameters import Parameters, is_parameter
 from .removal import joint_of, locked, place_of_joint, position_in, remove_parts, unlocked
-from .section import Section, functions_of_section
+from .section import Section, functions_of_section, warn_of_coarse_elements
 from .sliders import SlidingJoint
 
 if TYPE_CHECKING:
@@ -44,10 +45,7 @@ if TYPE_CHECKING:
 
     from fx_beam.symbolic import Expr
 
-    from .curve import MeshBeams
-    from .forces_between import Bed, GroundSprings, Pulley
     from .gears import Gear
-    from .loads import Shaking
     from .ufl_symbols import Parameter
 
 _Part = TypeVar("_Part")
@@ -154,13 +152,9 @@ class Scene:
         self.changes += 1
 
     def __repr__(self):
-        from .notebook import facts  # loaded where a scene is shown
-
         return f"<Scene: {', '.join(f'{name} {value}' for name, value in facts(self).items())}>"
 
     def _repr_html_(self):
-        from .notebook import facts, html_table, sketch
-
         beams = [[*map(position_of, beam.nodes)] for beam in self.beams]
         ends = [(body.centre, point) for body in self.bodies for point in body.nodes[1:]]
         arms = [[*map(position_of, pair)] for pair in ends]
@@ -237,8 +231,6 @@ class Scene:
             beam = Beam(name, nodes, degree, line.s, section, line.inner)
             _look_at_elements(beam)
             return self.beams.add(beam)
-        from .curve import shifted
-
         axis = shifted(line, offset, name)
         carriers, nodes = (self._nodes_at(path.ends, f"beam {name!r}") for path in (line, axis))
         for a, b in zip(carriers, nodes, strict=True):
@@ -321,8 +313,6 @@ class Scene:
         kinds = ("rigid", "pin")
         require(is_one_of(joints, kinds), "add_mesh: joints", joints, f"one of {kinds}")
         degree = checked_degree(degree, self.beams, "add_mesh")
-        from .curve import MeshBeams, mesh_layout, sections_of
-
         mesh = mesh_layout(points, cells, elements, joints == "pin", join)
         section_of_cell = sections_of(section, tags, np.shape(cells)[0])
         sources = mesh.source_cell.tolist()
@@ -842,10 +832,8 @@ class Scene:
         require(ok, name, points, "a sequence of two or more nodes and positions (x, y)")
         make: Callable[..., ForceBetween] = ForceBetween
         if any(hasattr(point, "side") for point in points):
-            from .forces_between import RopeOverPulleys, rope_parts
-
-            points, kinds, radii = rope_parts(points)
-            make = functools.partial(RopeOverPulleys, kinds=kinds, radii=radii)
+            points, kinds, radii = lines.rope_parts(points)
+            make = functools.partial(lines.RopeOverPulleys, kinds=kinds, radii=radii)
         nodes = [point for point in points if isinstance(point, Node)]
         require(bool(nodes), name, points, "with a node among them: nothing else can move")
         for node in nodes:
@@ -860,7 +848,7 @@ class Scene:
             drawn = checked_force(self, points, laws, None, None, make).drawn_length
             length = drawn - tension / spring.stiffness
             require(length > 0, "rope: pretension", pretension, "less than stiffness times length")
-        of_length = parameter_of_length(length, self.force_count)
+        of_length = lines.parameter_of_length(length, self.force_count)
         rope = self._with_force(checked_force(self, points, laws, force, length, make))
         if length is not None and is_open_input(signal := self.parameters.functions[of_length]):
             begins_as_drawn = signal.beginning_with(float(rope.length_at_start))
@@ -924,8 +912,6 @@ class Scene:
         >>> float(rest.joint(held.y).force[-1].round(2)), float(rest.position(mass)[-1, 1].round(6))
         (-19.62, -0.024525)
         """
-        from .forces_between import GroundSprings, ground_spring
-
         loads.check_node(self, node, "spring")
         forwards = dual_array(vector(axis, 2, "spring: axis"))
         size = np.hypot(*forwards)
@@ -935,13 +921,13 @@ class Scene:
         beginnings = _where_now(node, at, start, ways[0], ways[1])
         parts = zip(("x", "y", "rotation"), (x, y, rotation), ways, beginnings, strict=True)
         springs = {
-            name: ground_spring(node, laws, way, f"spring: {name}", beginning)
+            name: lines.ground_spring(node, laws, way, f"spring: {name}", beginning)
             for name, laws, way, beginning in parts
             if laws is not None
         }
         expected = "an fx_beam.Spring for one of them at least"
         require(bool(springs), "spring: x, y, rotation", None, expected)
-        return GroundSprings(**{name: self._with_force(part) for name, part in springs.items()})
+        return GroundSprings(**{n: self._with_force(part) for n, part in springs.items()})
 
     def add_bed(
         self,
@@ -999,8 +985,6 @@ class Scene:
         >>> bool(abs(sunk * 2 * 6400.0 / 2.0 + 1) < 1e-4)
         True
         """
-        from .forces_between import Bed, parts_of_bed
-
         loads.check_beam(self, beam, "bed")
         name = f"bed of beam {beam.name!r}"
         normal = finite(normal, f"{name}: normal", "not negative")
@@ -1010,7 +994,7 @@ class Scene:
         alone = law is None or not (normal or pushes_only)
         require(alone, f"{name}: law", law, "given without normal and pushes_only")
         require(is_flag(pushes_only), f"{name}: pushes_only", pushes_only, "True or False")
-        parts = parts_of_bed(beam, normal, tangential, pushes_only, law)
+        parts = lines.parts_of_bed(beam, normal, tangential, pushes_only, law)
         return Bed(**{name: self._with_force(part) for name, part in parts.items()})
 
     def _with_force(self, force: _Force) -> _Force:
@@ -1188,12 +1172,10 @@ class Scene:
         require(is_flag(follower), "line load: follower", follower, "True or False")
         if not follower:
             return _added(self.loads, loads.line_load(beam, load, of, between))
-        from .loads import pressure_on
-
         number = 1
         while f"pressure {number}" in self.parameters:
             number += 1
-        pressure, value = pressure_on(beam, load, of, between, number)
+        pressure, value = loads.pressure_on(beam, load, of, between, number)
         self.parameters.add([("pressure", value)], f"pressure on {loads.label(beam)}")
         return _added(self.virtual_works, pressure)
 
@@ -1238,8 +1220,6 @@ class Scene:
         >>> print(round(float(relative * (2 * np.pi) ** 2), 3))
         -4.0
         """
-        from .loads import Shaking, acceleration
-
         base = {}
         for name, value in (("x", x), ("y", y)):
             if value is not None:
@@ -1478,8 +1458,6 @@ class Scene:
         if isinstance(load, NaturalStrain):
             parts[index] = changed_strain(load, strains)
         elif load.kind.startswith("shaking"):
-            from .loads import acceleration
-
             parts[index] = replace(load, value=acceleration(value, load.kind))
         else:
             parts[index] = loads.changed(load, value)
@@ -1734,8 +1712,6 @@ def _varies(section: Section) -> bool:
 def _look_at_elements(beam: Beam) -> None:
     """Warn of elements that are too coarse for a section or an offset."""
     if beam.carriers or _varies(beam.section):
-        from .section import warn_of_coarse_elements
-
         warn_of_coarse_elements(beam)
 
 
