@@ -42,7 +42,7 @@ class Assembly:
     def residual(self, D: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Internal forces and drag (size,) at increments D (size,), and added terms."""
         numbers = self.fields.increment_numbers
-        self.fields.symbols.increment.x.array[:] = D[numbers]
+        self.fields.set_increment(D)
         forces = np.zeros((2, len(D)))
         for out, terms in zip(forces, (self.form.terms, self.form.added), strict=True):
             b = np.zeros(len(numbers))

@@ -119,6 +119,8 @@ class DolfinxFields:
         # Values of Constants of the step, and q (size,) at its start, as they were set last.
         self._step_numbers = dict.fromkeys(CONSTANTS, 0.0)
         self._start_q = np.zeros(model.size)
+        # Values of the increment where forces were found last.
+        self._increment = fields.increment.x.array.copy()
         #: What takes the place of each symbol of the start in a form of the end.
         self.ends = {fields.start: self.q, fields.natural[0]: fields.natural[1]}
         if self._internal is not None:
@@ -150,6 +152,11 @@ class DolfinxFields:
             self._grid.fill(self._internal, state.internal)
         self._set_parameters(self._scene_parameters.values)
 
+    def set_increment(self, D: np.ndarray) -> None:
+        """Set the increments (size,) of the step."""
+        self._increment = D[self.increment_numbers]
+        self.symbols.increment.x.array[:] = self._increment
+
     def lead(self, accelerations: np.ndarray) -> None:
         """Set the accelerations (size,) beside those of the rule."""
         self._fill_nodes(self.led, accelerations)
@@ -180,9 +187,10 @@ class DolfinxFields:
 
     def refuse_writes(self, state: State) -> None:
         """Refuse values that a user has written into fields, which no step would read."""
-        functions = (*self.state, self.symbols.start)
+        functions = (*self.state, self.symbols.start, self.symbols.increment)
         values = [x[self.V_numbers] for x in (state.q, state.v, state.a, state.q, self._start_q)]
         values[3] = values[3][self._u_dofs]
+        values.append(self._increment)
         # Bytes are the same also where values are not finite.
         written = [
             f"problem.{function.name}"
@@ -195,7 +203,7 @@ class DolfinxFields:
         if written:
             raise SceneError(
                 f"fenicsx: what was written into {written[0]} would be lost. Give a state of your "
-                "own to Problem.set_state(q=, v=), and a length to advance(dt)"
+                "own to Problem.set_state(q=, v=), unknowns to begin(), and a length to advance(dt)"
             )
 
     def in_scene(

@@ -858,10 +858,11 @@ def test_what_is_written_into_the_state_is_refused_and_not_lost():
             problem.advance(0.1)
             getattr(problem.step, number).value = 0.07
             assert_refused("written into the Constant", problem.advance, 0.2)
-        for name in ("u", "start"):
+        for name in ("u", "start", "increment"):
             problem = make()
+            problem.advance(0.1)
             getattr(problem, name).x.array[-1] = 1.0
-            assert_refused(f"written into problem.{name}", problem.advance, 0.1)
+            assert_refused(f"written into problem.{name}", problem.advance, 0.2)
     problem = fenicsx.Problem(scene, dt=DT)
     for value in (
         np.zeros((3, 3)),
