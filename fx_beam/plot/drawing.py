@@ -656,18 +656,16 @@ def written(figure: Figure, path: Path | None, is_cut: bool = False) -> Figure:
     return figure
 
 
-def panels(
-    count: int, extent: np.ndarray, theme: Theme, room: float, title: float = 18.0
-) -> tuple[Picture, list[Any], float]:
-    """A figure with panels over an extent each, and the length of a point in the drawing.
+def fitted_panels(
+    count: int, extent: np.ndarray, room: float, title: float
+) -> tuple[int, np.ndarray, float]:
+    """Columns, size (2,) of panels over an extent each, and length of a point in the drawing.
 
-    Around each there is some room, and above it that of a title [points]. The panels are as large
-    as they can be, with few empty places.
+    Around each is some room, above it a title [points]. They are large, with few empty places.
     """
 
     def size(columns: int) -> tuple[float, np.ndarray]:
-        rows = -(-count // columns)
-        space = 72 * np.array(LARGEST) / (columns, rows) - (0, title)
+        space = 72 * np.array(LARGEST) / (columns, -(-count // columns)) - (0, title)
         point = max(extent / np.maximum(space - 2 * room, 0.2 * space))
         return point, np.minimum(extent / point + 2 * room, space)
 
@@ -675,14 +673,33 @@ def panels(
         return np.prod(size(columns)[1]) * (count / (columns * -(-count // columns))) ** 2
 
     columns = max(range(1, count + 1), key=worth)
-    rows, (point, panel) = -(-count // columns), size(columns)
-    whole = np.array([columns, rows]) * (panel + (0, title))
+    point, panel = size(columns)
+    return columns, panel, point
+
+
+def panels(
+    count: int,
+    columns: int,
+    panel: np.ndarray,
+    middle: np.ndarray,
+    point: float,
+    theme: Theme,
+    title: float,
+    over: float = 0.0,
+) -> tuple[Picture, list[Any]]:
+    """A figure with panels of a size (2,), each with a title above, and more room over all.
+
+    Sizes are in points, whose length in the drawing is that of a `point`; all have one middle (2,).
+    """
+    whole = np.array([columns, -(-count // columns)]) * (panel + (0, title)) + (0, over)
     figure, axes = Picture(tuple(whole / 72), facecolor=theme.paper), []
     for number in range(count):
         row, column = divmod(number, columns)
-        corner = np.array([column * panel[0], whole[1] - (row + 1) * (panel[1] + title)])
-        ax: Any = figure.add_axes((*(corner / whole), *(panel / whole)))
+        corner = column * panel[0], whole[1] - over - (row + 1) * (panel[1] + title)
+        ax: Any = figure.add_axes((*(np.array(corner) / whole), *(panel / whole)))
+        (left, bottom), (right, top) = middle - point * panel / 2, middle + point * panel / 2
+        ax.set(xlim=(left, right), ylim=(bottom, top))
         ax.set_axis_off()
         ax.title.set_color(theme.ink)
         axes.append(ax)
-    return figure, axes, point
+    return figure, axes

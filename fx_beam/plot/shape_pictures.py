@@ -29,6 +29,7 @@ from .drawing import (
     Plane,
     checked_drawing,
     checked_rows,
+    fitted_panels,
     headings,
     interpolated,
     line_between,
@@ -296,13 +297,11 @@ def modes(
     still = Drawing(_vibration(modes, 0, 0.0), [_AT_REST])
     size = _SIZE * still.reach
     low, high = still.corners + np.array([[-size], [size]])
-    figure, axes, point = panels(count, high - low, colours, 18.0, title=32.0)
+    columns, panel, point = fitted_panels(count, high - low, 18.0, 32.0)
+    middle = (low + high) / 2
+    figure, axes = panels(count, columns, panel, middle, point, colours, 32.0)
     for mode, ax in enumerate(axes):
         ax.set_title(f"mode {mode + 1}: {titles[mode]}", fontsize=8, pad=2)
-        half = point * ax.get_window_extent().size * 72 / figure.dpi / 2
-        left, bottom = (low + high) / 2 - half
-        right, top = (low + high) / 2 + half
-        ax.set(xlim=(left, right), ylim=(bottom, top))
         _draw(ax, colours, Drawing(_vibration(modes, mode, size), [_AT_REST]), modes.shapes[mode])
     return written(figure, path)
 
@@ -437,28 +436,21 @@ def diagrams(
         times = []
     words = words_over(drawing, title, times)
     curves = _curves(drawing, cases, names, is_envelope)
-    layout = _layout(drawing, curves, bool(words))
-    figure = Picture(tuple(layout.whole / 72), facecolor=colours.paper)
+    figure, axes, is_wide, tallest = _axes(drawing, curves, colours, bool(words))
     labels = Labels(figure, colours)
-    for corner, name in zip(layout.corners, names, strict=True):
-        place = (*(corner / layout.whole), *(layout.panel / layout.whole))
-        ax: Any = figure.add_axes(place)
-        ax.set_axis_off()
-        half = layout.point * layout.panel / 2
-        left, low = layout.middle - half
-        right, top = layout.middle + half
-        ax.set(xlim=(left, right), ylim=(low, top))
-        panel = _Panel(ax, colours, drawing, len(cases), labels, layout.tallest)
+    for ax, name in zip(axes, names, strict=True):
+        panel = _Panel(ax, colours, drawing, len(cases), labels, tallest)
         described = panel.draw(name, curves[name])
-        if layout.is_wide:
+        if is_wide:
             beside: Look = {"va": "center", "ha": "center", "fontsize": 8, "color": colours.ink}
-            x, y = (corner + (_NAME / 2, layout.panel[1] / 2)) / layout.whole
+            place = ax.get_position()
+            x, y = place.x0 + _NAME / 2 / 72 / _WIDTH, (place.y0 + place.y1) / 2
             figure.text(x, y, described.replace(" $", "\n$"), **beside)
         else:
             ax.set_title(described, fontsize=9, pad=3, color=colours.ink)
     if words:
         look = {"fontsize": 9, "va": "top", "color": colours.soft}
-        figure.suptitle(words, y=1 - 3 / layout.whole[1], **look)
+        figure.suptitle(words, y=1 - 3 / 72 / figure.get_figheight(), **look)
     labels.write()
     return written(figure, path)
 
@@ -474,76 +466,63 @@ def _cases_of(solution: Any, row: int | None) -> _Cases:
     return [(solution, checked_rows(solution, rows=[row]))]
 
 
-class _Layout(NamedTuple):
-    """Places of panels in a figure, all in points."""
+class _Curves(NamedTuple):
+    """Values along beams with as many elements each; a refined one has both sides of jumps."""
 
-    is_wide: bool
-    #: Size (2,) of the figure and of a panel, and lower left corners of the panels.
-    whole: np.ndarray
-    panel: np.ndarray
-    corners: list[np.ndarray]
-    #: Middle (2,) of the window, length of a point, and of the tallest ordinate in the drawing.
-    middle: np.ndarray
-    point: float
-    tallest: float
-
-
-class _Curve(NamedTuple):
-    """Values along a beam, with both sides of jumps."""
-
-    #: Arc lengths (n,), points (n, 2) of the axis, unit vectors (n, 2) to positive values.
+    beams: list[Beam]
+    #: Arc lengths (n,) of a refined beam; points (beams, n, 2) of the axes, and unit vectors to
+    #: positive values.
     s: np.ndarray
     points: np.ndarray
     sides: np.ndarray
     values: np.ndarray
-    #: Number (n,) of the solution that gives each value.
+    #: Number (beams, n) of the solution that gives each value.
     givers: np.ndarray
 
+    def tips(self, scale: float) -> np.ndarray:
+        """Ends (beams, n, 2) of ordinates."""
+        return self.points + scale * self.values[..., None] * self.sides
 
-# Curves by the names of the members; of an envelope the largest values and the least ones.
-_Curves = list[dict[str, _Curve]]
+
+# All members; of an envelope with the largest values, and with the least ones.
+_Diagram = list[list[_Curves]]
 
 
-def _layout(drawing: Drawing, curves: dict[str, _Curves], has_title: bool) -> _Layout:
-    """Panels in one row, or one below the other if the members are wide."""
+def _axes(
+    drawing: Drawing, curves: dict[str, _Diagram], theme: Theme, has_title: bool
+) -> tuple[Picture, list[Any], bool, float]:
+    """Panels in one row, or one below the other of wide members; length of the tallest ordinate."""
     count, over = len(curves), _TITLE * has_title
     low, high = np.array([drawing.points.min(axis=0), drawing.points.max(axis=0)])
     low, high = np.minimum(low, drawing.corners[0]), np.maximum(high, drawing.corners[1])
-    size = float(max(high - low)) or 1.0
-    tallest = min(_TALLEST * size, _OVER * spacing(drawing))
-    is_wide = (high - low)[1] < _WIDE * (high - low)[0]
-    columns, name = (1, _NAME) if is_wide else (count, 0.0)
-    rows, width, title = count // columns, 72 * _WIDTH / columns, _TITLE * (not is_wide)
+    tallest = min(_TALLEST * (float(max(high - low)) or 1.0), _OVER * spacing(drawing))
+    is_wide = bool((high - low)[1] < _WIDE * (high - low)[0])
+    columns, name, title = (1, _NAME, 0.0) if is_wide else (count, 0.0, _TITLE)
+    width = 72 * _WIDTH / columns
     if is_wide:  # the ordinates have a height in points
         tallest = min(tallest, _ORDINATE * (high - low)[0] / (width - name - 2 * _ROOM))
     for some in curves.values():
         scale = tallest / (_largest(some) or 1.0)
-        every = (curve for known in some for curve in known.values())
-        tips = np.concatenate([c.points + scale * c.values[:, None] * c.sides for c in every])
+        tips = np.concatenate([c.tips(scale).reshape(-1, 2) for part in some for c in part])
         low, high = np.minimum(low, tips.min(axis=0)), np.maximum(high, tips.max(axis=0))
-    extent, space = high - low, (72 * _TALL - over) / rows - title
-    point = max(extent / np.array([width - name - 2 * _ROOM, space - 2 * _ROOM]))
+    extent, height = high - low, (72 * _TALL - over) / (count // columns) - title
+    point = max(extent / np.array([width - name - 2 * _ROOM, height - 2 * _ROOM]))
     panel = np.array([width, extent[1] / point + 2 * _ROOM])
-    whole = np.array([columns * panel[0], rows * (panel[1] + title) + over])
-    step = panel + (0.0, title)
-    corners = [
-        np.array([i % columns * step[0], whole[1] - over - (i // columns + 1) * step[1]])
-        for i in range(count)
-    ]
     middle = (low + high) / 2 - (name / 2 * point, 0.0)
-    return _Layout(is_wide, whole, panel, corners, middle, point, tallest)
+    figure, axes = panels(count, columns, panel, middle, point, theme, title, over)
+    return figure, axes, is_wide, tallest
 
 
-def _largest(curves: _Curves) -> float:
+def _largest(diagram: _Diagram) -> float:
     """Largest size of all values."""
-    return max(float(abs(curve.values).max()) for known in curves for curve in known.values())
+    return max(float(abs(curves.values).max()) for part in diagram for curves in part)
 
 
 def _curves(
     drawing: Drawing, cases: _Cases, names: list[str], is_envelope: bool
-) -> dict[str, _Curves]:
+) -> dict[str, _Diagram]:
     """Values along each member by quantities: fine where they are written or jump inside."""
-    beams, (row,) = drawing.solution.beams, drawing.rows
+    beams, (row,) = [*drawing.solution.beams.values()], drawing.rows
     fractions = np.linspace(0, 1, _PIECES + 1)
     values = [along_all(case, names, rows, fractions) for case, rows in cases]
     alike = len({part[names[0]].shape[1:] for part in values}) == 1
@@ -552,30 +531,29 @@ def _curves(
     points = drawing.along_elements(row, _PIECES)
     left = left_of(np.gradient(points, axis=1))
     left /= np.linalg.norm(left, axis=-1, keepdims=True)
-    ends = np.cumsum([beam.elements for beam in beams.values()]).tolist()
+    elements = np.array([beam.elements for beam in beams])
+    owner, first = np.repeat(np.arange(len(beams)), elements), np.cumsum(elements) - elements
     places = (load.target for load in drawing.parts(row).loads)
-    jumping = {place.beam.name for place in places if isinstance(place, BeamPlace)} & {*beams}
+    jumping = {place.beam.name for place in places if isinstance(place, BeamPlace)}
     picks = (np.argmax, np.argmin) if is_envelope else (np.argmax,)
-    curves: dict[str, _Curves] = {}
+    diagrams = dict[str, _Diagram]()
     for name, pick in itertools.product(names, picks):
-        known = dict[str, _Curve]()
-        curves.setdefault(name, []).append(known)
         picked, givers = _picked([part[name] for part in values], numbers, pick)
-        for (beam_name, beam), end in zip(beams.items(), ends, strict=True):
-            own = slice(end - beam.elements, end)
-            s = arc_lengths(beam, fractions).ravel() if len(beams) <= _NAMED else np.empty(0)
-            side = -left[own] if name == "M" else left[own]
-            arrays = points[own], side, picked[own], givers[own]
-            known[beam_name] = _Curve(s, *(a.reshape(-1, *a.shape[2:]) for a in arrays))
-        fine = set(beams)
-        if len(beams) > _NAMED:
-            highest = max(known, key=lambda n: known[n].values.max())
-            fine = {highest, min(known, key=lambda n: known[n].values.min())} | jumping
-        for beam_name in fine:
-            beam = beams[beam_name]
-            curve = known[beam_name]._replace(s=arc_lengths(beam, fractions).ravel())
-            known[beam_name] = _refined(cases, numbers, beam, curve, name, pick)
-    return curves
+        fine = np.full(len(beams), len(beams) <= _NAMED)
+        fine[[owner[picked.max(axis=1).argmax()], owner[picked.min(axis=1).argmin()]]] = True
+        fine |= [beam.name in jumping for beam in beams]
+        groups = [np.array([i]) for i in np.flatnonzero(fine)]
+        groups += [np.flatnonzero(~fine & (elements == n)) for n in np.unique(elements[~fine])]
+        curves = list[_Curves]()
+        for own in groups:
+            cells = first[own][:, None] + np.arange(elements[own[0]])
+            arrays = points, -left if name == "M" else left, picked, givers
+            joined = (a[cells].reshape(len(own), -1, *a.shape[2:]) for a in arrays)
+            part = _Curves([beams[i] for i in own], np.empty(0), *joined)
+            is_fine = fine[own[0]]
+            curves.append(_refined(cases, numbers, part, name, pick) if is_fine else part)
+        diagrams.setdefault(name, []).append(curves)
+    return diagrams
 
 
 def _picked(
@@ -588,13 +566,15 @@ def _picked(
 
 
 def _refined(
-    cases: _Cases, numbers: np.ndarray, beam: Beam, curve: _Curve, name: str, pick: Callable
-) -> _Curve:
-    """Values at many places, and on both sides of each."""
+    cases: _Cases, numbers: np.ndarray, curve: _Curves, name: str, pick: Callable
+) -> _Curves:
+    """Values of a beam at many places, and on both sides of each."""
+    (beam,) = curve.beams
+    coarse = arc_lengths(beam, np.linspace(0, 1, _PIECES + 1)).ravel()
     try:
         resultants = [in_rows(case.resultants(beam.name), rows) for case, rows in cases]
     except ValueError:  # their balance is not known
-        return curve
+        return curve._replace(s=coarse)
     balances, parts = [r.balanced() for r in resultants], np.arange(_FINE) / _FINE
     ends = balances[0].s
     places = ends[:-1, None] + np.diff(ends)[:, None] * parts
@@ -606,9 +586,9 @@ def _refined(
     ]
     values, givers = (np.stack(sides, axis=1).ravel() for sides in zip(*both, strict=True))
     s = np.repeat(s, 2)
-    points, sides = (interpolated(s, curve.s, x) for x in (curve.points, curve.sides))
+    points, sides = (interpolated(s, coarse, x[0]) for x in (curve.points, curve.sides))
     sides = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-    return _Curve(s, points, sides, values, givers)
+    return _Curves(curve.beams, s, points[None], sides[None], values[None], givers[None])
 
 
 class _Panel:
@@ -620,32 +600,26 @@ class _Panel:
         self._ax, self._theme, self._drawing, self._cases = ax, theme, drawing, cases
         (self._row,) = drawing.rows
         self._labels, self._tallest = labels, tallest
-        point = Pen(ax, theme).point
-        self._thin = min(1.0, spacing(drawing) / point / _DENSE)
+        self._thin = min(1.0, spacing(drawing) / Pen(ax, theme).point / _DENSE)
 
-    def draw(self, name: str, curves: _Curves) -> str:
+    def draw(self, name: str, diagram: _Diagram) -> str:
         """Draw a quantity; its words, with the unit of the numbers."""
         drawing, theme, row = self._drawing, self._theme, self._row
-        parts = drawing.parts(row)
-        supports = drawing.once(supports_of, parts)
-        largest = _largest(curves)
-        words = words_for(name, drawing.unit)
-        factor, prefix = prefix_of(largest, _KILO)
-        factor, words = (
-            (factor, words.replace("[N", f"[{prefix}N")) if "[N" in words else (1.0, words)
-        )
+        parts, largest, words = drawing.parts(row), _largest(diagram), words_for(name, drawing.unit)
+        factor, prefix = prefix_of(largest, _KILO) if "[N" in words else (1.0, "")
         scale = self._tallest / (largest or 1.0)
-        self._draw_areas(curves, scale)
-        is_envelope = len(curves) > 1
+        self._draw_areas(diagram, scale)
         symbols = _SYMBOLS * self._thin
         top, pale = Pen(self._ax, theme, symbols), Pen(self._ax, theme, symbols, 0.45)
-        for curve in (curve for known in curves for curve in known.values()):
-            tips = curve.points + scale * curve.values[:, None] * curve.sides
-            outline = np.concatenate([curve.points[:1], tips, curve.points[-1:]])
-            top.line(outline, mixed(theme.ink, theme.paper, 0.25), 0.9 * self._thin, 2)
-            top.line(curve.points, theme.ink, 2.2 * self._thin, 3)
+        for curves in itertools.chain(*diagram):
+            points, gap = curves.points, np.full((len(curves.points), 1, 2), np.nan)
+            outlines = [points[:, :1], curves.tips(scale), points[:, -1:], gap]
+            line = np.concatenate(outlines, axis=1).reshape(-1, 2)
+            top.line(line, mixed(theme.ink, theme.paper, 0.25), 0.9 * self._thin, 2)
+            line = np.concatenate([points, gap], axis=1).reshape(-1, 2)
+            top.line(line, theme.ink, 2.2 * self._thin, 3)
         draw_moving(pale, drawing, row)
-        shows_pulls = name == "N" and not is_envelope
+        shows_pulls = name == "N" and len(diagram) == 1
         draw_between(top if shows_pulls else pale, drawing, parts, row)
         marks = marks_of(drawing, parts)
         for kind in ("hinge", "slide"):
@@ -653,77 +627,71 @@ class _Panel:
                 draw_pin(top, drawing.positions(marks[kind], row))
         draw_supports(top, drawing, parts, row)
         if largest > 0:
-            self._write(top, curves, scale, largest, factor, set(supports))
+            self._write(top, diagram, scale, largest, factor)
         if shows_pulls:
             self._write_pulls(parts, factor)
         pale.finish()
         top.finish()
-        return words
+        return words.replace("[N", f"[{prefix}N")
 
-    def _draw_areas(self, curves: _Curves, scale: float) -> None:
+    def _draw_areas(self, diagram: _Diagram, scale: float) -> None:
         """Fill the areas between the axes and the values, those below zero with strokes."""
         theme = self._theme
         looks = (1, theme.plus, None), (-1, theme.minus, "//////")
-        for known, (sign, face, hatch) in zip((curves[0], curves[-1]), looks, strict=True):
-            outlines, codes = [], []
-            for curve in known.values():
-                part = np.maximum(sign * curve.values, 0.0)
-                if part.any():
-                    tips = curve.points + sign * scale * part[:, None] * curve.sides
-                    outlines.append(np.concatenate([curve.points, tips[::-1], curve.points[:1]]))
-                    lines = [Area.LINETO] * (len(outlines[-1]) - 2)
-                    codes += [Area.MOVETO, *lines, Area.CLOSEPOLY]
-            if outlines:
-                # One path for all: hatches of each piece would be slow.
-                look: Any = {"facecolor": face, "linewidth": 0, "zorder": 1, "alpha": 0.88}
-                if hatch and self._thin == 1:
-                    look |= {"hatch": hatch, "edgecolor": mixed(theme.minus, theme.ink, 0.35)}
-                area = Area(np.concatenate(outlines), codes)
-                # Not add_patch, which would look at each corner for the limits of the axes.
-                patch = PathPatch(area, in_layout=False, **look)
-                self._ax.add_artist(patch)
+        for some, (sign, face, hatch) in zip((diagram[0], diagram[-1]), looks, strict=True):
+            outlines, codes = [np.empty((0, 2))], [np.empty(0, Area.code_type)]
+            for curves in some:
+                parts = curves._replace(values=sign * np.maximum(sign * curves.values, 0.0))
+                corners = [curves.points, parts.tips(scale)[:, ::-1], curves.points[:, :1]]
+                areas = np.concatenate(corners, axis=1)[parts.values.any(axis=1)]
+                kinds = np.full(areas.shape[:2], Area.LINETO, Area.code_type)
+                kinds[:, 0], kinds[:, -1] = Area.MOVETO, Area.CLOSEPOLY
+                outlines.append(areas.reshape(-1, 2))
+                codes.append(kinds.ravel())
+            # One path for all: hatches of each piece would be slow.
+            look: Any = {"facecolor": face, "linewidth": 0, "zorder": 1, "alpha": 0.88}
+            if hatch and self._thin == 1:
+                look |= {"hatch": hatch, "edgecolor": mixed(theme.minus, theme.ink, 0.35)}
+            area = Area(np.concatenate(outlines), np.concatenate(codes))
+            # Not add_patch, which would look at each corner for the limits of the axes.
+            self._ax.add_artist(PathPatch(area, in_layout=False, **look))
 
     # -- Numbers ----------------------------------------------------------------------------------
 
     def _write(
-        self, pen: Pen, curves: _Curves, scale: float, largest: float, factor: float,
-        supports: set[int],
-    ) -> None:  # fmt: skip
+        self, pen: Pen, diagram: _Diagram, scale: float, largest: float, factor: float
+    ) -> None:
         """Write values beside their tips, the largest first."""
-        picks = [
-            (name, curve, i)
-            for members in curves
-            for name, curve in members.items()
-            for i in self._picks(name, curve, largest, supports)
-        ]
-        if len(curves[0]) > _NAMED and picks:
-            value_of = lambda pick: pick[1].values[pick[2]]  # noqa: E731
-            highest, lowest = max(picks, key=value_of), min(picks, key=value_of)
-            picks = [highest] if highest is lowest else [highest, lowest]
-        known: list[tuple[str, float, np.ndarray]] = []
-        for name, curve, i in picks:
-            value, foot = float(curve.values[i]), curve.points[i]
+        refined = [curve for part in diagram for curve in part if len(curve.s)]
+        picks = [(curve, i) for curve in refined for i in self._picks(curve, largest)]
+        if len(self._drawing.solution.beams) > _NAMED and picks:
+            value_of = lambda pick: pick[0].values[0, pick[1]]  # noqa: E731
+            picks = [*dict.fromkeys(choice(picks, key=value_of) for choice in (max, min))]
+        known: list[tuple[list[Beam], float, np.ndarray]] = []
+        for curve, i in picks:
+            value, foot = float(curve.values[0, i]), curve.points[0, i]
             # Members at a rigid corner have the same moment, and both sides of a support.
             if any(
                 abs(abs(value) - abs(other)) < _SAME * largest
-                and (member != name or value * other > 0)
+                and (beams != curve.beams or value * other > 0)
                 and np.hypot(*(place - foot)) < _CORNER * pen.point
-                for member, other, place in known
+                for beams, other, place in known
             ):
                 continue
-            known.append((name, value, foot))
-            outwards = np.sign(value) * curve.sides[i]
+            known.append((curve.beams, value, foot))
+            outwards = np.sign(value) * curve.sides[0, i]
             tip = foot + scale * abs(value) * outwards
             pen.ring(tip, 1.8 * self._thin, self._theme.ink, width=0.0, z=4)
-            giver = f" ({curve.givers[i]})" if self._cases > 1 else ""
+            giver = f" ({curve.givers[0, i]})" if self._cases > 1 else ""
             self._labels.add(self._ax, _number(value / factor) + giver, tip, outwards)
 
-    def _picks(self, name: str, curve: _Curve, largest: float, supports: set[int]) -> Iterable[int]:
+    def _picks(self, curve: _Curves, largest: float) -> list[int]:
         """Indices of the values of a member to write, the largest first."""
-        beam, values = self._drawing.solution.beams[name], curve.values
+        (beam,), (values,) = curve.beams, curve.values
         if np.ptp(values) < _ALIKE * largest:
             picks = {len(values) // 2}
         else:
+            supports = self._drawing.once(supports_of, self._drawing.parts(self._row))
             inner = [s for s, n in zip(beam.s, beam.nodes, strict=True) if n.number in supports]
             # A place has two values: each part has that on its own side.
             cuts = [int(np.searchsorted(curve.s, s, "right")) - 1 for s in inner]
@@ -733,9 +701,8 @@ class _Panel:
                 part = values[first:end]
                 picks |= {first + int(part.argmax()), first + int(part.argmin())}
             picks |= {i for i in (0, len(values) - 1) if abs(values[i]) > _END * largest}
-        return sorted(
-            (i for i in picks if abs(values[i]) > _LEAST * largest), key=lambda i: -abs(values[i])
-        )
+        picks = {i for i in picks if abs(values[i]) > _LEAST * largest}
+        return sorted(picks, key=lambda i: -abs(values[i]))
 
     def _write_pulls(self, parts, factor: float) -> None:
         """Write the forces of ropes and springs between points beside them."""
