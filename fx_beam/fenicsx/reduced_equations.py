@@ -230,24 +230,11 @@ class ReducedEquations:
         self._y = self.c_step.z[: reduction.free].copy()
         self._driven = self.c_step.z[reduction.free :][: reduction.driven]
         if len(led := fact(self.model, led_dofs)):
-            increment = reduction.increment(self._y, self._driven)
-            accelerations = np.zeros(self.model.size)
-            accelerations[led] = self._beside_the_rule(interval.length, led, increment[led])
-            self.assembly.fields.lead(accelerations)
-
-    def _beside_the_rule(self, dt: float, led: np.ndarray, D: np.ndarray) -> np.ndarray:
-        """Accelerations beside those of the rule, of what driven motions alone move by D."""
-        start, rates = self._start, self.model.scheme.rates
-        v, a = start.v[led], start.a[led]
-        before, earlier = (start.length, start.length_before) if start.length else (dt, dt)
-        means = [v - dt / 2 * a, D / dt]
-        if start.length and start.q_previous is not None:
-            means[0] = (start.q - start.q_previous)[led] / before
-        # The third derivative of the cubic through the last places, and the second at the level.
-        bends = (v - means[0]) / before, (means[1] - means[0]) / (before + dt)
-        third = 6 * (bends[1] - bends[0]) / (earlier + before + dt)
-        at_level = 2 * bends[1] + third * ((before + 2 * dt) / 3 - (1 - rates.level) * dt)
-        return at_level - rates.acceleration(D, v, a, dt)[0]
+            beside, rates = np.zeros(self.model.size), self.model.scheme.rates
+            D = self._engine.evaluate(self._y, self._driven, self.dead).D
+            by_rule, _ = rates.acceleration(D, start.v, start.a, interval.length)
+            beside[led] = (self._engine.accelerations - by_rule)[led]
+            self.assembly.fields.lead(beside)
 
     def _begin(self, interval: Interval, start: State, natural: np.ndarray | None) -> None:
         self._interval, self._start = interval, start

@@ -291,6 +291,12 @@ class Equations:
         return out
 
     @property
+    def accelerations(self) -> np.ndarray:
+        """Accelerations (size,) of the masses in the last balance."""
+        (accelerations,) = self._problem.results(acc=self.model.size)
+        return accelerations
+
+    @property
     def values(self) -> np.ndarray:
         """Values of the tangent in the sparsity of `ReducedTangent.pattern`."""
         return self._tangent[self._problem.storage.tangent_places]

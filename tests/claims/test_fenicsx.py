@@ -202,6 +202,22 @@ def test_the_residual_is_the_form_with_inertia_less_loads(scheme, degree):
     assert_refused("are nodal", lambda: fenicsx.Problem(scene, dt=DT).F_inertia)
 
 
+@pytest.mark.parametrize("rho_inf", [0.8, 0.3])
+def test_the_inertia_of_a_driven_end_is_that_of_its_support_force(rho_inf):
+    """In the form its acceleration is that of the equations, which weigh the one before as well."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(1e4, 1e4, 100.0, rhoA=lambda s: 1 + s, rhoI=0.1)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+    scene.fix(beam.start, "x", "rotation")
+    scene.prescribe(beam.start, y=lambda t: 0.1 * np.sin(20 * t))
+    problem = fenicsx.Problem(scene, fb.GeneralizedAlpha(rho_inf), dt=DT)
+    solution = problem.run(5 * DT)
+    form = assembled(problem, problem.F) + assembled(problem, problem.F_inertia)
+    force = form[:, 0] - problem.loads.reshape(-1, 3)[0, 1:]
+    size = abs(solution.reactions).max()
+    np.testing.assert_allclose(force, solution.reactions[-1, 0, 1:], atol=1e-9 * size)
+
+
 def test_gauss_rules_that_ffcx_confuses_in_one_form_are_named(caplog):
     scene, beam = cantilever()
     scene.add_drag(beam, linear=1.0)
