@@ -243,10 +243,6 @@ class RowBalance:
             steps = RowSteps(recorder, last)
             self._gauss = steps.means(beams.resultants(steps.batch()))
             self._balance = ElementBalance(
-                recorder,
-                model.data.loaded_beams,
-                a[None].copy(),
-                first=last,
-                own_loads=self._loads,
+                recorder, model.data.loaded_beams, a[None].copy(), first=last, own_loads=self._loads
             )
         self._state = state

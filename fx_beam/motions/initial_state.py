@@ -19,17 +19,10 @@ from fx_beam.errors import SceneError, all_of, any_of, shown
 from fx_beam.laws.interval import INSTANT, Interval, instant
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import NUMBERS, Past, State
+from fx_beam.scene import joints as scene_joints
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 from fx_beam.scene.contacts import Contact
-from fx_beam.scene.joints import (
-    GROUND,
-    Constraints,
-    JointKey,
-    constraints_of,
-    joints_by_number,
-    key_of,
-    slides_at_start,
-)
+from fx_beam.scene.joints import GROUND, Constraints, JointKey, key_of, slides_at_start
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
@@ -441,7 +434,7 @@ def _changes_to_rates(model: Model, state: State, w: np.ndarray) -> np.ndarray:
     from fx_beam.step.equations import accelerations
 
     maps, mesh, free = model.reduction.maps, model.mesh, model.reduction.free
-    joints = joints_by_number(model.scene)
+    joints = scene_joints.joints_by_number(model.scene)
     rates = {joints[n]: rate for n, rate in model.scene.rates.items() if n in joints}
     # The rate of each joint by those of all nodes (size,), and the changes by a unit impulse on it.
     rows, changes = np.zeros((len(rates), model.size)), np.zeros((len(rates), len(w)))
@@ -670,7 +663,7 @@ def scene_has_changed(model: Model, start: Solution) -> bool:
             return True
     if end.constraints is None:  # a solution that is no run
         return len(end.slides) != scene.joint_count or len(end.motors) != len(model.data.motors)
-    return end.constraints != constraints_of(scene)
+    return end.constraints != scene_joints.constraints_of(scene)
 
 
 class TransferredState:

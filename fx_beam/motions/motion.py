@@ -12,15 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import (
-    SceneError,
-    as_float,
-    check_takes,
-    is_number,
-    positive,
-    require,
-    vector,
-)
+from fx_beam.errors import SceneError, as_float, check_takes, is_number, positive, require, vector
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.records import Stats
 from fx_beam.results.solution import Solution
@@ -36,18 +28,10 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Mark, NullRecorder, Record, Recorder, Rows
 from fx_beam.step.step_inputs import HeldInputs, SingleInputs
 
+from . import motion_setup
 from .evaluation import solution_of
 from .measurement import Instant, fitted_state, fitted_value, readings
-from .motion_setup import (
-    MOST_STEPS,
-    MotionSetup,
-    Options,
-    TimeGrid,
-    check_scene,
-    grid_from,
-    prepare,
-    state_of,
-)
+from .motion_setup import MOST_STEPS, MotionSetup, Options, TimeGrid, grid_from, prepare, state_of
 
 # Steps for whose rows room is made at once.
 _ROWS = 1024
@@ -360,7 +344,7 @@ class Motion:
     ):
         passed = {name: x for name, x in locals().items() if name not in ("self", "start")}
         clock, self._alone = perf_counter(), RLock()
-        check_scene(scene, "Motion")
+        motion_setup.check_scene(scene, "Motion")
         positive(dt, "Motion: dt")
         options = Options.among(locals(), what="Motion", outputs=None)
         self._dt = options.dt

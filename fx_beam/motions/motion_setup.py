@@ -9,20 +9,9 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from fx_beam import errors
 from fx_beam.dual import MaybeDual, dual_array, floats
-from fx_beam.errors import (
-    LARGEST,
-    SceneError,
-    as_float,
-    check_fields,
-    is_flag,
-    is_number,
-    positive,
-    real_array,
-    require,
-    shown,
-    whole,
-)
+from fx_beam.errors import LARGEST, SceneError, as_float, is_flag, is_number, require, shown, whole
 from fx_beam.fem.forms import SceneArrays
 from fx_beam.fem.functions_of_time import before
 from fx_beam.laws.schemes import EnergyMomentum, Scheme, order_and_constant
@@ -41,15 +30,8 @@ from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_control import MOST_HALVINGS, Halving
 from fx_beam.step.stepper import CompiledLoop, Stepper
 
-from .initial_state import (
-    Starts,
-    TransferredState,
-    check_joints,
-    end_of,
-    finds_accelerations_later,
-    reference_state,
-    scene_has_changed,
-)
+from . import initial_state
+from .initial_state import Starts, TransferredState, check_joints, end_of, reference_state
 from .sweep_context import call_with_arrays
 
 # -- Options of motions: scheme, steps, end and record, checked once ----------------------------
@@ -90,7 +72,7 @@ class CommonOptions:
     def __post_init__(self):
         if self.newton is None:
             self.__dict__["newton"] = CommonOptions.newton
-        check_fields(self, self.what)
+        errors.check_fields(self, self.what)
         self._require("newton", isinstance(self.newton, NewtonOptions), "an fx_beam.NewtonOptions")
         ok = self.progress is None or is_flag(self.progress)
         self._require("progress", ok, "True, False or None")
@@ -195,7 +177,7 @@ def _chosen_steps(options: Options, t0: float) -> StepPlan:
         ok = value is None or (is_number(value) and as_float(value) >= _SHORTEST * span)
         expected = f"a positive number, at least {_SHORTEST:g} of the whole time"
         require(ok, name, value, expected)
-    breaks = real_array(options.breaks)
+    breaks = errors.real_array(options.breaks)
     ok = breaks.ndim == 1 and bool(np.isfinite(breaks).all())
     require(ok, "breaks", options.breaks, "a sequence of finite times")
     order_and_constant(options.scheme)  # refuses one whose local errors are not known
@@ -211,7 +193,7 @@ def _equal_steps(options: Options, t0: float, goes_on: bool) -> StepPlan:
     """Equal steps; a motion that goes on may end with a part of a step, as events do."""
     dt, t_end = options.dt, options.t_end
     choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
-    dt = positive(dt, "dt", f"a positive number{choice}")
+    dt = errors.positive(dt, "dt", f"a positive number{choice}")
     if t_end - t0 < dt * (1e-6 if goes_on else 1 - 1e-6):
         later = f"after the start at t = {t0:g}, by more than a millionth of dt"
         least = later if goes_on else f"at least one step dt = {dt!r}"
@@ -463,7 +445,7 @@ class MotionSetup:
     ) -> State:
         """First state for a recorder, which may find its accelerations when they are read."""
         model, rates = self.model, self.options.record.rates
-        later = start is None and fact(model, finds_accelerations_later)
+        later = start is None and fact(model, initial_state.finds_accelerations_later)
         state = self.first_state(dt, start, accelerations or (rates and not later))
         if rates and later and not accelerations:
             starts = Starts(model, self.forcing, dt)
@@ -570,7 +552,7 @@ def state_of(model: Model, start: Solution) -> State:
     """Last state of a solution as vectors; SceneError if it does not fit."""
     state = (
         TransferredState(model, start).state()
-        if scene_has_changed(model, start)
+        if initial_state.scene_has_changed(model, start)
         else _same(model, start)
     )
     parameters = model.forms.parameters

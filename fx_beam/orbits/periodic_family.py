@@ -18,21 +18,8 @@ from fx_beam.results.state import State
 from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion, first_of_largest
 from fx_beam.scene.scene import Scene
 
-from .shooting import (
-    ROUND_OFF,
-    Closed,
-    Condition,
-    Directions,
-    NotClosed,
-    Period,
-    PeriodicOptions,
-    Shooting,
-    close,
-    least_squares,
-    plane,
-    turning_point,
-    warn_of_round_off,
-)
+from . import shooting as method
+from .shooting import Closed, Condition, NotClosed, Period, Shooting, close, plane, turning_point
 
 # -- Families of periodic motions, followed by the pseudo-arc length ----------------------------
 
@@ -94,7 +81,7 @@ class Cycle(NamedTuple):
     """How a periodic motion was found: what its derivatives need."""
 
     period: Period
-    options: PeriodicOptions
+    options: method.PeriodicOptions
     free: bool
     #: What chooses it among its neighbours: "period", "frequency", "energy", "amplitude", "" for
     #: nothing, "arc" for its place in a family, or the kind of a change of stability there.
@@ -115,7 +102,7 @@ def motion_of(
     state: Solution | None = None,
 ) -> PeriodicMotion:
     """Periodic motion for users."""
-    warn_of_round_off(shooting, [closed.left_over])
+    method.warn_of_round_off(shooting, [closed.left_over])
     period = closed.period
     energy, multipliers = shooting.variables.energy(period.start), multipliers_of(closed)
     second = np.sort(abs(multipliers - 1))[1:2]  # of a cycle that forces drive it is any
@@ -197,7 +184,7 @@ class Path:
             if members and motion.instability != members[-1].instability:
                 critical[len(members)] = functools.partial(self._critical, *self.last_step, motion)
             members.append(motion)
-        warn_of_round_off(self._shooting, left_over)
+        method.warn_of_round_off(self._shooting, left_over)
         return PeriodicFamily(members, self._free, critical)
 
     def _critical(
@@ -233,7 +220,7 @@ def _tangent(closed: Closed, ahead: np.ndarray) -> np.ndarray:
     matrix = closed.equations * np.append(np.full(n - 1, size), 1.0) / size
     onwards = np.append(ahead[:-1] @ closed.directions.matrix, ahead[-1])
     right = np.append(np.zeros(len(matrix)), 1.0)
-    direction = least_squares(np.vstack([matrix, onwards]), right)
+    direction = method.least_squares(np.vstack([matrix, onwards]), right)
     return direction / np.linalg.norm(_in_rows(closed, direction))
 
 
@@ -321,7 +308,7 @@ class ModeFamily:
         def error(period: Period) -> float:
             return float(period.start.q[most] - self._rest.q[most] - amplitude) / unit
 
-        def slopes(period: Period, directions: Directions) -> np.ndarray:
+        def slopes(period: Period, directions: method.Directions) -> np.ndarray:
             return np.append(directions.changes["q"][:, most], 0.0) / unit
 
         return Condition(error, slopes)
@@ -366,7 +353,7 @@ class ModeFamily:
             path = Path(self._shooting, True)
             *_, last = itertools.islice(self.motions_along(path), _FAR)
             missing = abs(self._end.error(last.period))
-            if missing > max(self._shooting.options.tolerance, ROUND_OFF):
+            if missing > max(self._shooting.options.tolerance, method.ROUND_OFF):
                 raise NotClosed(
                     f"{self._shooting.what}: no motion with this amplitude or energy was found, "
                     f"nor does the family of the mode come to it in {_FAR} motions. See how far "
@@ -413,7 +400,7 @@ def holds_energy(shooting: Shooting, energy: float, unit: float) -> Condition:
     def error(period: Period) -> float:
         return (shooting.variables.energy(period.start) - energy) / unit
 
-    def slopes(period: Period, directions: Directions) -> np.ndarray:
+    def slopes(period: Period, directions: method.Directions) -> np.ndarray:
         return np.append(shooting.variables.slope_of_energy(period.start, directions), 0.0) / unit
 
     return Condition(error, slopes)

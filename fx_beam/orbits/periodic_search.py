@@ -18,20 +18,9 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.newton import NewtonOptions
 
+from . import shooting as method
 from .periodic_family import ModeFamily, Path, holds_energy, motion_of
-from .shooting import (
-    NO_SHIFT,
-    STEP,
-    Closed,
-    Condition,
-    NotClosed,
-    Period,
-    PeriodicOptions,
-    Shooting,
-    at_rest,
-    close,
-    nearest_return,
-)
+from .shooting import NO_SHIFT, STEP, Closed, Period, PeriodicOptions, Shooting, at_rest, close
 
 # Periods after which the search for a forced motion begins again.
 _SETTLING = 3, 10, 30
@@ -164,7 +153,7 @@ def _from_state(shooting: Shooting, start: Solution | None, period: float | None
         return motion_of(shooting, settle_and_close(shooting, first, period, free), free)
     shooting.check_free()
     length = _period_in(start, caller)
-    conditions = tuple[Condition, ...]()
+    conditions = tuple[method.Condition, ...]()
     if energy is not None:
         size = abs(energy - shooting.variables.energy(shooting.first_state(None, dt)))
         conditions = (holds_energy(shooting, energy, size or 1.0),)
@@ -183,7 +172,7 @@ def settle_and_close(shooting: Shooting, first: State, parameter: float, free: b
     for periods in () if free else _SETTLING:
         try:
             return close(shooting, first, parameter, phase, varies=False)
-        except NotClosed:
+        except method.NotClosed:
             first = shooting.settled(first, parameter, periods)
     return close(shooting, first, parameter, phase, varies=False)
 
@@ -200,7 +189,7 @@ def _period_in(start: Solution | None, caller: str) -> float:
     end_of(start)
     parts = [part[::-1].reshape(len(start.t), -1) for part in (start.q, start.v)]
     rows = np.hstack([part / (np.linalg.norm(np.ptp(part, axis=0)) or 1.0) for part in parts])
-    return_row = nearest_return(rows)
+    return_row = method.nearest_return(rows)
     if return_row is None:
         raise SceneError(f"{caller}: the motion of start does not come back to its end. {advice}")
     times = start.t[-1] - start.t[::-1]

@@ -14,15 +14,9 @@ import scipy.sparse.linalg
 from fx_beam.errors import SceneError, StepError, as_float, between, real, whole
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
+from fx_beam.motions import motion_setup
 from fx_beam.motions.evaluation import solution_of
-from fx_beam.motions.motion_setup import (
-    CommonOptions,
-    MotionSetup,
-    Options,
-    check_scene,
-    numbers_in_steps,
-    prepare,
-)
+from fx_beam.motions.motion_setup import CommonOptions, MotionSetup, Options, check_scene, prepare
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
@@ -470,7 +464,7 @@ def _times(state: State, length: float, steps: int) -> np.ndarray:
 def _time_functions(model: Model, steps: int, state: State, t0: float, length: float) -> np.ndarray:
     """Functions of time (steps, n) in a period."""
     times = t0 + length / steps * np.arange(steps + 1)
-    values = numbers_in_steps(model, model.data, state, times[:-1], times[1:])
+    values = motion_setup.numbers_in_steps(model, model.data, state, times[:-1], times[1:])
     parts = [values[name].reshape(steps, -1) for name in _TIME_FUNCTIONS if name in values]
     return np.hstack(parts)
 

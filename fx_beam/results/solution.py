@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from fx_beam.errors import SceneError, is_one_of, no_attribute, shown
+from fx_beam.scene import outputs as quantities
 from fx_beam.scene.beam import Beam, BeamPlace, Node, no_node
 from fx_beam.scene.body import Body
 from fx_beam.scene.contacts import Contact
@@ -19,16 +20,7 @@ from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND, Joint, key_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.notebook import html_table, sketch
-from fx_beam.scene.outputs import (
-    OF_NODES,
-    Output,
-    check_has_rows,
-    component_of,
-    is_gear,
-    is_section_force,
-    quantity_of,
-    section_value,
-)
+from fx_beam.scene.outputs import OF_NODES, Output, component_of, is_gear, quantity_of
 from fx_beam.scene.parts import Parts
 from fx_beam.scene.scene import Scene
 
@@ -665,7 +657,7 @@ class Solution:
         >>> fall.value(fb.Output("velocity", ball, "y")).round(3)
         array([ 0.   , -0.981, -1.962])
         """
-        check_has_rows(output, "Solution.value: output")
+        quantities.check_has_rows(output, "Solution.value: output")
         place: Any = output.of
         name = output.quantity
         if isinstance(place, Scene):
@@ -674,9 +666,9 @@ class Solution:
             return getattr(self.energy, quantity_of(output).of)
         if isinstance(place, Beam):
             return getattr(self.resultants(place), name)
-        if is_section_force(output):
+        if quantities.is_section_force(output):
             forces = self.resultants(place.beam).at(place.s)
-            return section_value(output, forces.N[:, 0], forces.Q[:, 0], forces.M[:, 0])
+            return quantities.section_value(output, forces.N[:, 0], forces.Q[:, 0], forces.M[:, 0])
         if isinstance(place, Node | BeamPlace):
             if isinstance(place, Node):
                 _node_number(self, place)

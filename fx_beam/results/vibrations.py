@@ -11,20 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam import errors
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import floats
-from fx_beam.errors import (
-    SceneError,
-    as_float,
-    is_number,
-    is_one_of,
-    is_whole,
-    real_array,
-    require,
-    shown,
-    vector,
-    warn_once,
-)
+from fx_beam.errors import SceneError, as_float, is_number, is_one_of, require, shown, vector
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
@@ -93,7 +83,7 @@ class Spectrum:
 
     def __init__(self, spectrum: Any):
         is_pair = isinstance(spectrum, list | tuple) and len(spectrum) == 2
-        parts = [floats(real_array(part)) for part in spectrum] if is_pair else []
+        parts = [floats(errors.real_array(part)) for part in spectrum] if is_pair else []
         ok = is_pair and parts[0].ndim == 1 and parts[0].shape == parts[1].shape
         ok = ok and len(parts[0]) > 1 and bool(np.isfinite(parts).all())
         expected = "two lists of the same length: periods [s] and accelerations [m/s^2]"
@@ -431,7 +421,7 @@ class Modes:
         rest = {name: values[-1] for name, values in changes.items()}
         share, rigid = float(shaken.shares.sum()), table.rigid(periods)
         if share < _ENOUGH:
-            warn_once(
+            errors.warn_once(
                 f"{caller}: the modes have {100 * share:.0f} % of the mass. The rest counts as if "
                 "it moved with the ground. Take more modes: modes(scene, n=...)"
             )
@@ -529,7 +519,7 @@ class Modes:
         nodes = np.array([node.number for node in member.nodes])
         if isinstance(member, Beam):  # also those inside elements
             nodes = self.nodes_of_beam[member.name]
-        if not is_whole(mode, -len(self), len(self) - 1):
+        if not errors.is_whole(mode, -len(self), len(self) - 1):
             raise SceneError(f"mode {shown(mode)}: there are {len(self)} modes, numbered from 0")
         return displaced(self, mode, as_float(size), as_float(phase), nodes)
 

@@ -10,19 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam import errors
 from fx_beam.dual import MaybeDual, dual_array, floats, scene_number
-from fx_beam.errors import (
-    IS_DATA,
-    LARGEST,
-    SceneError,
-    answering,
-    as_float,
-    is_whole,
-    real_array,
-    refuse_units,
-    require,
-    shown,
-)
+from fx_beam.errors import IS_DATA, SceneError, answering, as_float, is_whole, require, shown
 
 #: Components of a node's motion, in the order used in all arrays.
 COMPONENTS = ("x", "y", "rotation")
@@ -465,15 +455,15 @@ def _sums(lengths: MaybeDual) -> np.ndarray:
 
 def listed_points(points, name: str) -> tuple[list, np.ndarray]:
     """Points of a beam as a list, and their positions (n, 2) [m]; SceneError for what is none."""
-    refuse_units(points)
+    errors.refuse_units(points)
     try:
         # Rows of tables count by labels, not from 0.
         listed = [point.to_numpy() if hasattr(point, "to_numpy") else point for point in points]
-        positions = real_array([position_of(point) for point in listed])
+        positions = errors.real_array([position_of(point) for point in listed])
     except Exception:  # a UFL expression has no length
         listed, positions = [], np.empty((0, 0))
     ok = positions.ndim == 2 and positions.shape[1] == 2
-    if not ok or not (abs(positions) <= LARGEST).all():
+    if not ok or not (abs(positions) <= errors.LARGEST).all():
         raise SceneError(
             f"{name}: points must be points of the plane, finite (x, y) or nodes, not "
             f"{shown(points)}"

@@ -8,23 +8,9 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from fx_beam import errors
 from fx_beam.dual import dual_array, scene_number
-from fx_beam.errors import (
-    IS_DATA,
-    SceneError,
-    as_float,
-    check_fields,
-    finite,
-    flag,
-    is_number,
-    is_whole,
-    real,
-    real_array,
-    refuse_units,
-    require,
-    shown,
-    vector,
-)
+from fx_beam.errors import IS_DATA, SceneError, as_float, flag, is_number, real, require, shown
 
 from .beam import Beam, Node, gauss_rule, lagrange, position_of, reference_positions
 from .coordinate import Coulomb, OneSided
@@ -53,12 +39,12 @@ def _place(place: Place, name: str) -> Node | tuple[float, float]:
     """A node that carries a shape, or the point (x, y) of one that is fixed."""
     if isinstance(place, Node) and place is not GROUND:
         return place
-    refuse_units(place)
+    errors.refuse_units(place)
     if not isinstance(place, list | tuple | np.ndarray):
         expected = "(x, y), or a node that carries it: beam.end, body.centre, body[name]"
         words = "the ground" if place is GROUND else shown(place)
         raise SceneError(f"{name} = {words} must be {expected}")
-    x, y = map(as_float, vector(place, 2, name))
+    x, y = map(as_float, errors.vector(place, 2, name))
     return x, y
 
 
@@ -114,7 +100,7 @@ class Shape:
         (...) float
             Distance [m]; negative on the side that is not allowed.
         """
-        checked = real_array(positions)
+        checked = errors.real_array(positions)
         ok = checked.ndim > 0 and checked.shape[-1] == 2
         require(ok, f"{self.name}.gap: positions", positions, "positions (x, y)")
         return scene_number(self.seen(checked - dual_array(self.origin))[0])
@@ -226,7 +212,7 @@ class Circle(Shape):
 
     def __post_init__(self):
         super().__post_init__()
-        check_fields(self)
+        errors.check_fields(self)
 
     @property
     def side(self) -> float:  # type: ignore[override]
@@ -330,12 +316,12 @@ class Contact(OneSided):
         if isinstance(self.shape, Beam):
             radius: float | tuple[float, float] = _checked_radii(name, self.radius)
         else:
-            radius = finite(self.radius, f"{name}: radius", "not negative")
+            radius = errors.finite(self.radius, f"{name}: radius", "not negative")
         if along is not None:
             ok = isinstance(self.target, Beam)
             require(ok, f"{name}: along", along, "None, as a node has no length")
             expected = f"a whole number from 1 to {_MOST_POINTS}, or None"
-            require(is_whole(along, 1, _MOST_POINTS), f"{name}: along", along, expected)
+            require(errors.is_whole(along, 1, _MOST_POINTS), f"{name}: along", along, expected)
             along = int(along)
         ok = friction is None or (isinstance(friction, Coulomb) and friction.radius is None)
         expected = "an fx_beam.Coulomb(mu, stiffness), none that has the radius of a pin, or None"

@@ -12,33 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.chebyshev import Chebyshev, chebder, chebint, chebpts1, chebpts2, chebvander
 
+from fx_beam import errors
 from fx_beam.dual import MaybeDual, dual_array, floats
-from fx_beam.errors import (
-    LARGEST,
-    SceneError,
-    finite,
-    is_flag,
-    is_whole,
-    positive,
-    real_array,
-    require,
-    shown,
-    vector,
-)
+from fx_beam.errors import SceneError, finite, is_flag, is_whole, real_array, require, shown, vector
 
-from .beam import (
-    MOST_ELEMENTS,
-    USUAL_ELEMENTS,
-    Beam,
-    BeamLayout,
-    Node,
-    lagrange,
-    lagrange_and_slopes,
-    lengths_to_ends,
-    listed_points,
-    polyline,
-    position_of,
-)
+from . import beam as beams
+from .beam import MOST_ELEMENTS, Beam, BeamLayout, Node, lagrange, polyline, position_of
 from .functions import checked_function
 from .section import Section
 
@@ -216,7 +195,7 @@ def spline(points: Sequence, monotone: bool = False) -> Curve:
     >>> beam.end.x, round(beam.length, 2)
     (4.0, 4.62)
     """
-    points, positions = listed_points(points, "spline")
+    points, positions = beams.listed_points(points, "spline")
     xy = np.array(positions)
     if any(isinstance(point, Node) for point in points[1:-1]):
         raise SceneError(
@@ -250,7 +229,7 @@ def layout(points, elements, degree: int, name: str) -> BeamLayout:
     if callable(points):
         points = Curve(points)
     if isinstance(points, Curve):
-        count = USUAL_ELEMENTS[degree] if elements is None else elements
+        count = beams.USUAL_ELEMENTS[degree] if elements is None else elements
         return along_curve(points, count, degree, name)
     return polyline(points, elements, degree, name)
 
@@ -409,13 +388,13 @@ def shifted(line: BeamLayout, offset: float, name: str) -> BeamLayout:
         )
     nodes = [floats(point) for point in (axis[:-1], *inner, axis[1:])]
     inner_nodes = np.stack(inner, axis=1) if inner else None
-    return BeamLayout([*axis], lengths_to_ends(np.stack(nodes, axis=1)), inner_nodes)
+    return BeamLayout([*axis], beams.lengths_to_ends(np.stack(nodes, axis=1)), inner_nodes)
 
 
 def _left_of(points: list) -> list:
     """Unit vectors (n, 2) to the left of n elements at each of their nodes."""
     places, normals = np.linspace(0.0, 1.0, len(points)), []
-    for slopes in lagrange_and_slopes(places, places)[1]:
+    for slopes in beams.lagrange_and_slopes(places, places)[1]:
         x, y = sum(slope * point for slope, point in zip(slopes, points, strict=True)).T
         normals.append(np.stack([-y, x], axis=1) / np.hypot(x, y)[:, None])
     return normals
@@ -479,7 +458,7 @@ def mesh_layout(points, cells, elements, pinned: bool, join: float | None) -> Me
     elements = _checked_elements(elements, len(pairs))
     point, source = np.arange(len(places)), np.arange(len(pairs))
     if join is not None:
-        tolerance = positive(join, "add_mesh: join")
+        tolerance = errors.positive(join, "add_mesh: join")
         places, pairs, point, source = _joined(places, pairs, tolerance)
     count, lengths = len(places), _checked_lengths(floats(places), pairs)
     share = lengths / np.bincount(source, lengths)[source]
@@ -564,7 +543,7 @@ def _checked_points(points: object) -> MaybeDual:
         raise SceneError(
             f"add_mesh: points must be an array (n, 2) of numbers, not {shown(points)}{depth}"
         )
-    for i in np.flatnonzero(~(abs(floats(places)) <= LARGEST).all(axis=1)):
+    for i in np.flatnonzero(~(abs(floats(places)) <= errors.LARGEST).all(axis=1)):
         raise SceneError(
             f"add_mesh: point {i} at ({places[i, 0]:g}, {places[i, 1]:g}) is not finite, or too far"
         )

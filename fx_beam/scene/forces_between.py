@@ -11,17 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from fx_beam import errors
 from fx_beam.dual import dual_array, floats, scene_number
-from fx_beam.errors import (
-    IS_DATA,
-    SceneError,
-    check_fields,
-    is_one_of,
-    real,
-    real_array,
-    require,
-    vector,
-)
+from fx_beam.errors import IS_DATA, SceneError, is_one_of, real, real_array, require, vector
 from fx_beam.symbolic import Expr, ufl
 
 from .beam import Beam, Node, position_of
@@ -402,7 +394,7 @@ class Pulley:
     side: str = "left"
 
     def __post_init__(self):
-        check_fields(self)
+        errors.check_fields(self)
         require(is_one_of(self.side, ("left", "right")), "Pulley: side", self.side, "left or right")
 
 

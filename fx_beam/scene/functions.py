@@ -15,17 +15,7 @@ import numpy as np
 
 from fx_beam import errors
 from fx_beam.dual import Dual, MaybeDual, dual_array, dual_of, floats
-from fx_beam.errors import (
-    LARGEST,
-    Failure,
-    SceneError,
-    StepError,
-    all_of,
-    is_number,
-    shaped,
-    shown,
-    vector,
-)
+from fx_beam.errors import LARGEST, Failure, SceneError, StepError, all_of, is_number, shown, vector
 from fx_beam.symbolic import ufl
 
 # -- Functions of the user, of time or place, and constants in their place; values are checked --
@@ -124,7 +114,7 @@ class Signal:
         if self.function is None:
             return self.value
         try:
-            return shaped(self.function(*arguments), self.size, self.what)
+            return errors.shaped(self.function(*arguments), self.size, self.what)
         except SceneError:
             raise
         except Exception as error:

@@ -9,34 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from fx_beam import errors
 from fx_beam.dual import MaybeDual, dual_array, floats
-from fx_beam.errors import (
-    IS_DATA,
-    LARGEST,
-    SceneError,
-    as_float,
-    is_one_of,
-    real_array,
-    require,
-    shown,
-    vector,
-)
+from fx_beam.errors import IS_DATA, LARGEST, SceneError, as_float, is_one_of, require, shown, vector
 from fx_beam.symbolic import Expr, ufl
 
+from . import functions
 from .beam import Beam, BeamPlace, Node, no_node
-from .functions import (
-    Accelerogram,
-    ArrayCalls,
-    Input,
-    Signal,
-    SignalAlong,
-    TimeValue,
-    argument_names,
-    check_takes_time,
-    checked_function,
-    function_of_place,
-    time_function,
-)
+from .functions import ArrayCalls, Input, Signal, SignalAlong, check_takes_time, time_function
 from .parameters import is_parameter, refused
 
 if TYPE_CHECKING:
@@ -123,7 +103,7 @@ def _line_signal(beam: Beam, load, arguments: str, part: tuple[float, float], na
     if arguments in ("time", "projected length"):
         check_takes_time(load, name)
         return time_function(load, 2, name)
-    names, called = argument_names(load), "s, t" if arguments.endswith("time") else "s"
+    names, called = functions.argument_names(load), "s, t" if arguments.endswith("time") else "s"
     if names and names[0].lower() in ("t", "time"):
         raise SceneError(
             f"{name}: the function takes ({', '.join(names)}), but it is called with ({called}), "
@@ -131,7 +111,7 @@ def _line_signal(beam: Beam, load, arguments: str, part: tuple[float, float], na
         )
     if arguments == "arc length and time":
         return SignalAlong(load, 2, name, beam.length, "s")
-    return function_of_place(load, 2, name, "s")
+    return functions.function_of_place(load, 2, name, "s")
 
 
 def part_of(beam: Beam, between: Sequence[float], arguments: str, name: str) -> tuple[float, float]:
@@ -159,7 +139,7 @@ def _between_ends(load, part: tuple[float, float], name: str) -> Signal:
         x = (s - start) / length
         return tuple(a + (b - a) * x for a, b in zip(first, last, strict=True))
 
-    return function_of_place(load_at, 2, name, "s")
+    return functions.function_of_place(load_at, 2, name, "s")
 
 
 def changed(load: Load, value) -> Load:
@@ -202,7 +182,7 @@ class Drag:
         for name in PARTS_OF_DRAG:
             value, subject = getattr(self, name), f"{prefix}: {name}"
             pair = isinstance(value, list | tuple | np.ndarray)
-            pair = pair and real_array(value).shape == (2,)
+            pair = pair and errors.real_array(value).shape == (2,)
             may_be = isinstance(self.target, Beam) and name != "rotation"
             expected = "one number; only a beam has directions along and across, for its velocity"
             require(may_be or not pair, subject, value, expected)
@@ -244,8 +224,8 @@ def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
     owner = f"of {label(target)}"
     return Velocity(
         target,
-        checked_function(velocity, 2, f"velocity {owner}", node.x, node.y),
-        checked_function(spin, 1, f"spin {owner}", node.x, node.y),
+        functions.checked_function(velocity, 2, f"velocity {owner}", node.x, node.y),
+        functions.checked_function(spin, 1, f"spin {owner}", node.x, node.y),
     )
 
 
@@ -342,11 +322,11 @@ def _part(beam: Beam, name: str, value) -> Signal:
     subject = f"{NAMES[name]} of beam {beam.name!r}"
     # The names of the arguments of a function say what it is of.
     is_function = callable(value) and not isinstance(value, Input)
-    arguments = argument_names(value) if is_function else ["t"]
+    arguments = functions.argument_names(value) if is_function else ["t"]
     if arguments == ["t"]:
         return time_function(value, 1, subject)
     if arguments == ["f"]:
-        return function_of_place(value, 1, subject, "f")
+        return functions.function_of_place(value, 1, subject, "f")
     if arguments == ["f", "t"]:
         return SignalAlong(value, 1, subject, 1.0, "f")
     raise SceneError(
@@ -473,13 +453,13 @@ class Shaking(NamedTuple):
     y: Load | None = None
 
 
-def acceleration(value: TimeValue, name: str) -> Signal:
+def acceleration(value: functions.TimeValue, name: str) -> Signal:
     """An acceleration (1,) over time: a constant, a function, an `Input` or a record."""
     if not isinstance(value, list | tuple | np.ndarray) or getattr(value, "ndim", 1) == 0:
         if not isinstance(value, Input):
             check_takes_time(value, name)
         return time_function(value, 1, name)
-    parts = [real_array(part) for part in value]
+    parts = [errors.real_array(part) for part in value]
     ok = len(parts) == 2 and parts[0].ndim == 1 and parts[0].shape == parts[1].shape
     ok = ok and len(parts[0]) > 1 and bool(np.isfinite([floats(part) for part in parts]).all())
     if not ok:
@@ -494,4 +474,4 @@ def acceleration(value: TimeValue, name: str) -> Signal:
             f"{name}: the times of a record must rise, but {floats(parts[0])[late + 1]:g} s comes "
             f"after {floats(parts[0])[late]:g} s. Sort it: order = np.argsort(times)"
         )
-    return Accelerogram(parts[0], parts[1], name)
+    return functions.Accelerogram(parts[0], parts[1], name)

@@ -10,18 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 
+from fx_beam import errors
 from fx_beam.dual import dual_array, scene_number
-from fx_beam.errors import (
-    SceneError,
-    answering,
-    finite,
-    is_flag,
-    is_name,
-    is_one_of,
-    require,
-    shown,
-    vector,
-)
+from fx_beam.errors import SceneError, finite, is_flag, is_name, is_one_of, require, vector
 
 from . import forces_between as lines, loads
 from .beam import COMPONENTS, Beam, BeamPlace, Node, Nodes, checked_degree, position_of
@@ -53,7 +44,7 @@ _Force = TypeVar("_Force", bound=ForceBetween)
 _Load = TypeVar("_Load", loads.Load, loads.VirtualWork, NaturalStrain)
 
 
-@answering
+@errors.answering
 class Scene:
     """Beams, rigid bodies, supports, joints, masses, loads, drag and initial velocities.
 
@@ -220,7 +211,7 @@ class Scene:
         if not isinstance(section, Section):
             tapered = ". Of a tapered beam the numbers of a Section are functions of the fraction"
             raise SceneError(
-                f"beam {name!r}: section must be an fx_beam.Section, not {shown(section)}"
+                f"beam {name!r}: section must be an fx_beam.Section, not {errors.shown(section)}"
                 + tapered * callable(section)
             )
         degree = checked_degree(degree, self.beams, f"beam {name!r}")

@@ -12,22 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam import errors
 from fx_beam.dual import Dual, DualFloat, MaybeDual, dual_array, floats, scene_number
-from fx_beam.errors import (
-    IS_DATA,
-    LARGEST,
-    SceneError,
-    answering,
-    as_float,
-    is_one_of,
-    real_array,
-    refuse_fields_in,
-    require,
-    shaped,
-    shown,
-    size_limit,
-    warn_once,
-)
+from fx_beam.errors import IS_DATA, LARGEST, SceneError, as_float, require, shaped, shown, warn_once
 from fx_beam.symbolic import Expr, ufl
 
 from .beam import Beam
@@ -260,7 +247,7 @@ def _check_plates(
     require(0 <= r <= room, f"{subject}: radius r", r, f"a number from 0 to {room:g}")
 
 
-@answering
+@errors.answering
 @dataclass(frozen=True)
 class Section:
     r"""Stiffness and inertia of a cross-section, per reference length.
@@ -390,7 +377,7 @@ class Section:
             For a stiffness that is not positive and finite, or a negative or non-finite inertia.
         """
         _check_name(name, "values")
-        places = real_array(fractions)
+        places = errors.real_array(fractions)
         require(places.size > 0, "Section.values: fractions", fractions, "an array of numbers")
         return scene_number(values_along(self, name, places, None))
 
@@ -750,7 +737,7 @@ def check_sizes(section: Section | None, *names: str, subject: str = "stress") -
 
 def _check_name(name, method: str) -> None:
     expected = f"one of {[*DATA, *SIZES]}"
-    require(is_one_of(name, (*DATA, *SIZES)), f"Section.{method}: name", name, expected)
+    require(errors.is_one_of(name, (*DATA, *SIZES)), f"Section.{method}: name", name, expected)
 
 
 def _values(
@@ -815,7 +802,7 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
         require(ok, f"Section: {name} edge{place}", datum, "a finite distance from the axis")
     elif not ((0 < number or (may_be_zero and number == 0)) and number <= LARGEST):
         expected = "zero or positive and finite" if may_be_zero else "positive and finite"
-        expected += size_limit(datum, expected)
+        expected += errors.size_limit(datum, expected)
         raise SceneError(f"Section: {name} = {shown(datum)}{place} must be {expected}")
     return number
 
@@ -827,7 +814,7 @@ def _evaluated(datum: Callable, fraction: float, name: str) -> float:
             return as_float(value)
         # UFL functions of numbers return numbers or expressions of numbers.
         if isinstance(value, ufl.core.expr.Expr):
-            refuse_fields_in(value, name)
+            errors.refuse_fields_in(value, name)
             value = value(())
     except SceneError:
         raise  # from a datum that this one is computed from

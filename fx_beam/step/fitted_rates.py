@@ -244,12 +244,7 @@ class FittedRates:
         if self._problem.numbers.data is not model.data:
             self._problem.restart()
         q, v, slides, driven = (np.ascontiguousarray(x, dtype=float) for x in states)
-        shapes = (
-            q.shape,
-            (n, 0),
-            (n, p.passes.joints, 3),
-            (n, p.columns - p.free),
-        )
+        shapes = (q.shape, (n, 0), (n, p.passes.joints, 3), (n, p.columns - p.free))
         # What is not a number stays so where it is singular.
         fit = Fit(*(*(np.full(shape, np.nan) for shape in shapes), driven))
         if (unknown := np.isnan(driven)).any():

@@ -13,17 +13,8 @@ from fx_beam.dual import floats
 from fx_beam.errors import SceneError, StepError, require, vector
 from fx_beam.laws.interval import divided
 from fx_beam.results.state import State
-from fx_beam.scene.functions import (
-    InputSignal,
-    Signal,
-    check_names,
-    connected,
-    input_slots,
-    names_of_values,
-    unset_values,
-    values_of,
-    widths,
-)
+from fx_beam.scene import functions
+from fx_beam.scene.functions import InputSignal, Signal, connected, input_slots, values_of, widths
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import Watch
 
@@ -162,9 +153,9 @@ class HeldInputs:
         self._watch = Watch(scene)
         #: Number of values of each input, by name.
         self.widths = widths(scene)
-        self.names = names_of_values(self.widths)
+        self.names = functions.names_of_values(self.widths)
         #: Present values by name, in arrays that do not change.
-        self.values = unset_values(scene)
+        self.values = functions.unset_values(scene)
         self._parts: dict[int, InputSignal] = {
             id(slot): slot.over_steps(ramps=kind != "load") for slot, kind in input_slots(scene)
         }
@@ -192,7 +183,7 @@ class HeldInputs:
         values: dict[str, Any] = {}
         for name, value in inputs.items():
             if not _fits(value, self.widths.get(name)):
-                check_names([name], self.widths, "inputs")
+                functions.check_names([name], self.widths, "inputs")
                 value = vector(value, self.widths[name], f"input {name!r}")
             values[name] = value
         return values

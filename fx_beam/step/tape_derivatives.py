@@ -434,11 +434,7 @@ class TapeDerivatives:
         }
 
     def jvp(
-        self,
-        tape: Tape,
-        changes: Arrays,
-        rows: np.ndarray,
-        sub_steps: np.ndarray = _NONE,
+        self, tape: Tape, changes: Arrays, rows: np.ndarray, sub_steps: np.ndarray = _NONE
     ) -> dict[str, np.ndarray]:
         """Changes of "q" and "v" (n, m, size) and "slides" (n, m, joints) at some boundaries.
 

@@ -95,11 +95,7 @@ def all_of_a_path(solution):
     return arrays
 
 
-PATHS = {
-    "load steps": {},
-    "arc length": {"continuation": "arc-length"},
-    "spin": {"spin": 0.5},
-}
+PATHS = {"load steps": {}, "arc length": {"continuation": "arc-length"}, "spin": {"spin": 0.5}}
 
 
 @pytest.mark.parametrize("options", PATHS.values(), ids=PATHS)

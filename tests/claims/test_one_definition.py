@@ -105,10 +105,7 @@ def joints_of(x):
     return scene, outputs | {name: fb.Output(name, rail) for name in ("slide", "rate")}
 
 
-GEOMETRY = {
-    lines_of: (0.4, 1.2, 0.5, 1.5, 0.3, 0.2),
-    joints_of: (0.2, 0.5, 0.37, 1.0),
-}
+GEOMETRY = {lines_of: (0.4, 1.2, 0.5, 1.5, 0.3, 0.2), joints_of: (0.2, 0.5, 0.37, 1.0)}
 
 
 @pytest.mark.parametrize("build", GEOMETRY)

@@ -123,11 +123,7 @@ def test_colours_can_be_seen_on_the_paper(theme):
         parts = np.array(look.mixed(colour, colour, 0))
         return (
             (parts / 12.92) * (parts <= 0.04) + ((parts + 0.055) / 1.055) ** 2.4 * (parts > 0.04)
-        ) @ (
-            0.2126,
-            0.7152,
-            0.0722,
-        )
+        ) @ (0.2126, 0.7152, 0.0722)
 
     paper = luminance(look.THEMES[theme].paper)
     for colour in (*look.MEMBERS, look.ACTS, look.ROPE):

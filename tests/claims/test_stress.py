@@ -41,10 +41,7 @@ def test_profiles_have_the_integrals_over_their_outline():
     channel = fb.Section.channel(0.2, 0.075, 0.0085, 0.0115, slope=0.08, E=1.0)
     flange = np.minimum(y, 0.2 - y)  # of the channel: where x(thickness) = flange
     tip = np.clip(0.0375 + (0.0115 - flange) / 0.08, 0.0085, 0.075)
-    for section, width in (
-        (tee, np.where(y > 0.189, 0.1, 0.008)),
-        (channel, tip),
-    ):
+    for section, width in ((tee, np.where(y > 0.189, 0.1, 0.008)), (channel, tip)):
         area = width.mean() * 0.2
         centre = (width * y).mean() / width.mean()
         second_moment = (width * (y - centre) ** 2).mean() * 0.2
