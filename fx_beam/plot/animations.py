@@ -183,13 +183,10 @@ def animate(
     marks = checked_marks(drawing, marks)
     say_if_too_small(drawing)
     plane = _plane(drawing, colours, colour is not None, size)
-    is_plain = colour is None and thickness is None
-    frames = _Frames(drawing, None if is_plain else members, plane, colours, words)
     if colour is not None:
         plane.draw_bar(members.scale, **members.bar)
-    if trace is not None:
-        frames.trace = trace.number
-    drawn = frames.drawn(marks, scenery)
+    thick = None if colour is None and thickness is None else members
+    drawn = _frames(plane, drawing, thick, colours, words, marks, trace, scenery)
     if path is None:
         file = io.BytesIO()
         _write_gif(drawn, file, fps, colours.paper)
@@ -202,78 +199,74 @@ def animate(
     return None
 
 
-class _Frames:
-    """The pictures of an animation: what stays is drawn once, and all else for each."""
-
-    #: Number of the node whose path is drawn.
-    trace: int | None = None
-
-    def __init__(
-        self, drawing: Drawing, members: DrawnMembers | None, plane: Plane, theme: Theme, words: str
-    ):
-        ax = plane.ax
-        self._drawing, self._members, self._ax, self._theme = drawing, members, ax, theme
-        self._figure = plane.figure
-        look: Look = {"xycoords": "axes fraction", "textcoords": "offset points"}
-        look |= {"fontsize": "small", "va": "bottom", "color": theme.ink}
-        if words:  # beside the time, or above it where there is no room
-            rise = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
-            ax.annotate(words, (1, 1), (0, rise), ha="right", **look)
-        self._heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
-        self._moving: list = [self._heading]
+def _frames(
+    plane: Plane,
+    drawing: Drawing,
+    members: DrawnMembers | None,
+    theme: Theme,
+    words: str,
+    marks: dict[str, Node],
+    trace: Node | None,
+    scenery: Callable[[Axes, int], list] | None,
+) -> Iterator[np.ndarray]:
+    """Pixels (height, width, 4) of each frame: what stays is drawn once, and all else for each."""
+    ax, figure, shown = plane.ax, plane.figure, drawing.rows
+    look: Look = {"xycoords": "axes fraction", "textcoords": "offset points"}
+    look |= {"fontsize": "small", "va": "bottom", "color": theme.ink}
+    if words:  # beside the time, or above it where there is no room
+        rise = 4 if ax.bbox.width > _BESIDE * figure.dpi else 15
+        ax.annotate(words, (1, 1), (0, rise), ha="right", **look)
+    heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
+    moving: list = [heading]
+    if members is not None:
+        lines = members.collection(Pen(ax, theme, drawing.thinness))
+        if not members.has_colours:
+            lines.set_color(members.per_piece(colours_of(drawing)).tolist())
+        moving.append(ax.add_collection(lines))
+    for artist in moving:
+        artist.set_animated(True)  # left out of the static part of a frame
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    still = canvas.copy_from_bbox(figure.bbox)
+    times = headings(drawing.solution, drawing.solution.t[shown])
+    for k, time in zip(shown, times, strict=True):
+        heading.set_text(time)
+        known_artists = {*ax.get_children()}
         if members is not None:
-            self._lines = members.collection(Pen(ax, theme, drawing.thinness))
-            if not members.has_colours:
-                self._lines.set_color(members.per_piece(colours_of(drawing)).tolist())
-            self._moving.append(ax.add_collection(self._lines))
-        for artist in self._moving:
-            artist.set_animated(True)  # left out of the static part of a frame
+            members.move(lines, k)
+        _draw(ax, drawing, theme, k, marks, trace, members is None)
+        scenery_artists = (scenery(ax, k) if scenery else None) or []
+        new = [artist for artist in ax.get_children() if artist not in known_artists]
+        drawn = list(dict.fromkeys([*new, *scenery_artists]))
+        canvas.restore_region(still)
+        for artist in sorted([*moving, *drawn], key=lambda artist: artist.get_zorder()):
+            ax.draw_artist(artist)
+        yield np.array(canvas.buffer_rgba())
+        for artist in drawn:
+            artist.remove()
 
-    def drawn(
-        self, marks: dict[str, Node], scenery: Callable[[Axes, int], list] | None
-    ) -> Iterator[np.ndarray]:
-        """Pixels (height, width, 4) of each frame, with names of nodes and additional objects."""
-        ax, drawing = self._ax, self._drawing
-        canvas = FigureCanvasAgg(self._figure)
-        canvas.draw()
-        still, shown = canvas.copy_from_bbox(self._figure.bbox), drawing.rows
-        times = drawing.solution.t[shown]
-        for k, words in zip(shown, headings(drawing.solution, times), strict=True):
-            self._heading.set_text(words)
-            known_artists = {*ax.get_children()}
-            self._draw(k, marks)
-            scenery_artists = (scenery(ax, k) if scenery else None) or []
-            new = [artist for artist in ax.get_children() if artist not in known_artists]
-            drawn = list(dict.fromkeys([*new, *scenery_artists]))
-            canvas.restore_region(still)
-            for artist in sorted([*self._moving, *drawn], key=lambda artist: artist.get_zorder()):
-                ax.draw_artist(artist)
-            yield np.array(canvas.buffer_rgba())
-            for artist in drawn:
-                artist.remove()
 
-    def _draw(self, k: int, marks: dict[str, Node]) -> None:
-        """Draw row k."""
-        ax, drawing, theme = self._ax, self._drawing, self._theme
-        pen = Pen(ax, theme, drawing.thinness)
-        if self._members is None:
-            draw_members(pen, drawing, k)
-        else:
-            self._members.move(self._lines, k)
-        if self.trace is not None:
-            path = drawing.positions(self.trace, slice(drawing.rows[0], k + 1))
-            pen.line(path, theme.soft, 1.0, 1)
-        draw_moving(pen, drawing, k)
-        draw_held(pen, drawing, drawing.parts(k), k)
-        draw_forces(pen, drawing, k)
-        pen.finish()
-        for name, node in marks.items():
-            position = drawing.positions(node.number, k)
-            # Towards the middle, where there is room for long names.
-            left = position[0] > np.mean(ax.get_xlim())
-            offset = {"xytext": (-5 if left else 5, 5), "ha": "right" if left else "left"}
-            look: Look = {"textcoords": "offset points", "fontsize": "small", "zorder": 9}
-            ax.annotate(name, position, color=theme.ink, **offset, **look)
+def _draw(
+    ax, drawing: Drawing, theme: Theme, k: int, marks: dict[str, Node], trace, is_plain: bool
+) -> None:
+    """Draw row k, plain members included, with names of nodes and the path of one."""
+    pen = Pen(ax, theme, drawing.thinness)
+    if is_plain:
+        draw_members(pen, drawing, k)
+    if trace is not None:
+        path = drawing.positions(trace.number, slice(drawing.rows[0], k + 1))
+        pen.line(path, theme.soft, 1.0, 1)
+    draw_moving(pen, drawing, k)
+    draw_held(pen, drawing, drawing.parts(k), k)
+    draw_forces(pen, drawing, k)
+    pen.finish()
+    for name, node in marks.items():
+        position = drawing.positions(node.number, k)
+        # Towards the middle, where there is room for long names.
+        left = position[0] > np.mean(ax.get_xlim())
+        offset = {"xytext": (-5 if left else 5, 5), "ha": "right" if left else "left"}
+        look: Look = {"textcoords": "offset points", "fontsize": "small", "zorder": 9}
+        ax.annotate(name, position, color=theme.ink, **offset, **look)
 
 
 def _plane(drawing: Drawing, theme: Theme, bar: bool, size: tuple[int, int] | None) -> Plane:

@@ -168,14 +168,14 @@ def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, object]:
 def _stretch(drawing: Drawing, parts: Parts, places: list[int]) -> dict[str, object]:
     """What the scene has in some rows one after the other, and the places of these rows."""
     rows = [drawing.rows[i] for i in places]
-    carried = [drawing.obstacles.carried(parts, k) for k in rows]
+    carried = [drawing.carried(parts, k) for k in rows]
 
     def points_of(nodes: list[int]) -> str:
         return _points(drawing, drawing.positions(nodes, rows))
 
     return {
         "first": places[0],
-        "obstacles": [_carried(drawing, [outline]) for outline in drawing.obstacles.fixed(parts)],
+        "obstacles": [_carried(drawing, [outline]) for outline in drawing.fixed(parts)],
         "circles": [
             {"count": len(lines[0]), "points": _points(drawing, lines)}
             for lines in zip(*(drawing.circles(parts, k) for k in rows), strict=True)

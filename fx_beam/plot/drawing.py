@@ -7,7 +7,7 @@ import itertools
 import logging
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -72,56 +72,27 @@ def interpolated(places: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.nd
     return np.column_stack([np.interp(places, s, column) for column in values.T])
 
 
-class Obstacles:
-    """Outlines of obstacles in each row of a `Drawing`: fixed ones that are near, and carried."""
-
-    def __init__(self, drawing):
-        self._drawing = drawing
-        # Outlines of fixed shapes, and of carried ones relative to their nodes.
-        self._outlines: dict[Shape, Outline | None] = {}
-        for parts, places in drawing.stretches:
-            for contact in parts.contacts:
-                shape = contact.shape
-                if not isinstance(shape, Beam) and shape not in self._outlines:
-                    rows = [drawing.rows[i] for i in places]
-                    self._outlines[shape] = self._outline(shape, contact.target, rows)
-
-    def _outline(self, shape: Shape, target, rows: list[int]) -> Outline | None:
-        """Outline of a shape; none of a fixed one that is far away."""
-        drawing = self._drawing
-        if shape.carrier is None:
-            near = abs(shape.gap(drawing.points)).min() <= drawing.reach
-            return outline(shape, drawing.points, drawing.reach) if near else None
-        # What touches in all rows, relative to the node and its section, and the node itself.
-        carrier, point_lists = shape.carrier.number, [np.zeros((1, 2))]
-        nodes = nodes_of(drawing.solution.nodes_of_beam, target)
-        for k in rows:
-            arms = drawing.positions(nodes, k) - drawing.positions(carrier, k)
-            point_lists.append(arms @ turn(-drawing.angle(carrier, k)))
-        return outline(shape.at((0.0, 0.0)), np.concatenate(point_lists), drawing.reach)
-
-    def fixed(self, parts: Parts) -> list[Outline]:
-        """Outlines of the fixed obstacles of a scene."""
-        return [outline for shape, outline in self._of(parts) if shape.carrier is None]
-
-    def carried(self, parts: Parts, k: int) -> list[Outline]:
-        """Outlines of the obstacles that nodes carry, in row k."""
-        drawing = self._drawing
-        return [
-            outline.moved(drawing.positions(node.number, k), drawing.angle(node.number, k))
-            for shape, outline in self._of(parts)
-            if (node := shape.carrier) is not None
-        ]
-
-    def all(self, k: int) -> list[Outline]:
-        """All outlines of row k."""
-        parts = self._drawing.parts(k)
-        return self.fixed(parts) + self.carried(parts, k)
-
-    def _of(self, parts: Parts) -> list[tuple[Shape, Outline]]:
-        shapes = dict.fromkeys(contact.shape for contact in parts.contacts)
-        known = ((s, self._outlines[s]) for s in shapes if s in self._outlines)
-        return [(shape, line) for shape, line in known if line is not None]
+def obstacles(drawing: Drawing, parts: Parts) -> list[tuple[Node | None, Outline]]:
+    """Outlines of fixed obstacles that are near, and of carried ones relative to their nodes."""
+    found = dict[Shape, tuple[Node | None, Outline]]()
+    rows = [k for k in drawing.rows if drawing.parts(k) is parts]
+    for contact in parts.contacts:
+        if isinstance(shape := contact.shape, Beam) or shape in found:
+            continue
+        carrier, points = shape.carrier, drawing.points
+        if carrier is not None:  # what touches in these rows, relative to the node and its section
+            nodes, arms = (
+                nodes_of(drawing.solution.nodes_of_beam, contact.target),
+                [np.zeros((1, 2))],
+            )
+            for k in rows:
+                arm = drawing.positions(nodes, k) - drawing.positions(carrier.number, k)
+                arms.append(arm @ turn(-drawing.angle(carrier.number, k)))
+            relative = shape.at((0.0, 0.0)), np.concatenate(arms)
+            found[shape] = carrier, outline(*relative, drawing.reach)
+        elif abs(shape.gap(points)).min() <= drawing.reach:
+            found[shape] = None, outline(shape, points, drawing.reach)
+    return [*found.values()]
 
 
 # -- A solution as pictures show it: positions in some rows, the window, and sizes of symbols ---
@@ -219,12 +190,6 @@ def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
     return np.concatenate([points, positions[..., -1:, :]], axis=-2)
 
 
-def apart(lines: Iterable[np.ndarray]) -> np.ndarray:
-    """Lines (n, 2) as one, with gaps between them: one line is drawn faster than many."""
-    return np.concatenate([np.empty((0, 2)), *(np.vstack([line, [_GAP]]) for line in lines)])
-
-
-_GAP = np.nan, np.nan
 # A spoke of a wheel of radius 1, and its rim.
 _RIM = np.pi / 2 + np.linspace(0, 2 * np.pi, 97)
 _WHEEL = np.concatenate([np.zeros((1, 2)), np.column_stack([np.cos(_RIM), np.sin(_RIM)])])
@@ -256,8 +221,6 @@ class Drawing:
         self.forces = {k: forces_on_nodes(solution, k, magnify) if is_run else {} for k in rows}
         sizes = (np.hypot(*force) for row in self.forces.values() for force in row.values())
         self.largest_force = max(sizes, default=0.0)
-        #: Outlines of obstacles.
-        self.obstacles = Obstacles(self)
         # Lower left and upper right corner (2, 2) of what is in the window.
         self._corners = _ends(_framed_points(self))
 
@@ -358,6 +321,18 @@ class Drawing:
             for node, radius in parts.radii.items()
         ]
 
+    def fixed(self, parts: Parts) -> list[Outline]:
+        """Outlines of fixed obstacles that are near."""
+        return [outline for carrier, outline in self.once(obstacles, parts) if carrier is None]
+
+    def carried(self, parts: Parts, k: int) -> list[Outline]:
+        """Outlines of the obstacles that nodes carry, in row k."""
+        return [
+            outline.moved(self.positions(node.number, k), self.angle(node.number, k))
+            for node, outline in self.once(obstacles, parts)
+            if node is not None
+        ]
+
     def arrow(self, node: int, k: int) -> np.ndarray:
         """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""
         tip, scale = self.positions(node, k), _LONGEST_FORCE * self.reach
@@ -386,9 +361,10 @@ def _framed_points(drawing: Drawing) -> np.ndarray:
     grounded = (force for force in forces if isinstance(force, GroundSpring))
     fixed += [foot for force in grounded for _, foot, _ in feet(drawing, force)]
     arrows = [drawing.arrow(node, k) for k, forces in drawing.forces.items() for node in forces]
-    lines = [outline.line for k in drawing.rows for outline in drawing.obstacles.all(k)]
+    lines = list[np.ndarray]()
     for k in drawing.rows:
         parts = drawing.parts(k)
+        lines += [outline.line for outline in drawing.fixed(parts) + drawing.carried(parts, k)]
         lines += drawing.circles(parts, k)
         for place, radius in wheels(drawing, parts, k):
             lines.append(place + radius * _WHEEL)

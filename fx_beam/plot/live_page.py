@@ -8,7 +8,7 @@ import math
 import secrets
 import sys
 import webbrowser
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Event, Lock, Thread
@@ -16,23 +16,14 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.collections import Collection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from fx_beam.errors import (
-    StepError,
-    finite,
-    is_whole,
-    positive,
-    require,
-    vector,
-)
+from fx_beam.errors import StepError, finite, is_whole, positive, require, vector
 from fx_beam.results.export import of_numpy
 
 from .drawing import Drawing
-from .look import Pen, theme_of
+from .look import Colour, Pen, theme_of
 from .symbols import draw_held, draw_members, draw_moving
 
 _log = logging.getLogger("fx_beam")
@@ -244,22 +235,18 @@ class _PageRun:
 
     def _picture(self) -> dict[str, Any]:
         """Lines and markers of the present state, and values for curves."""
-        state, axes = self._motion.state, self._axes
+        state = self._motion.state
         drawing = Drawing(state, [0])
         drawing.include(self._window)
-        for artist in (*axes.lines, *axes.collections):
-            artist.remove()
-        pen = Pen(axes, theme_of("light"), drawing.thinness)
+        pen = Pen(self._axes, theme_of("light"), drawing.thinness)
         draw_members(pen, drawing, 0)
         draw_moving(pen, drawing, 0)
         draw_held(pen, drawing, drawing.parts(0), 0)
-        pen.finish()
-        artists = sorted([*axes.collections, *axes.lines], key=Artist.get_zorder)
         energies = {name: float(getattr(state.energy, name)[0]) for name in _ENERGIES}
         outputs = {name: np.ravel(value) for name, value in self._motion.outputs.items()}
         return {
             "t": state.t[0],
-            "shapes": [shape for artist in artists for shape in _shapes(artist)],
+            "shapes": _shapes(pen),
             "nodes": drawing.positions(self._numbers, 0),
             "targets": self._targets,
             "energies": {name: x for name, x in energies.items() if x or name == "total"},
@@ -275,27 +262,31 @@ def _followed(x: np.ndarray, rate: np.ndarray, target: np.ndarray, part: float) 
     return target + (away + slope * part) * decay, (rate - slope * part) * decay
 
 
-def _shapes(artist: Any) -> Iterator[dict[str, Any]]:
-    """Lines, discs or areas of matplotlib for the page, with gaps as null; sizes in pixels."""
-    if isinstance(artist, Collection):
-        colours: list[Any] = [artist.get_facecolor(), artist.get_edgecolor()]
-        width = float(np.ravel(artist.get_linewidth())[0])
-        face, edge = (to_hex(c[0], keep_alpha=True) if len(c) else None for c in colours)
-        look = {"face": face, "edge": edge if width else None, "width": _PIXELS * width}
-        yield from ({"points": path.vertices, **look} for path in artist.get_paths())
-        return
-    points = [
-        None if math.isnan(x) else (x, y) for x, y in np.asarray(artist.get_xydata()).tolist()
+def _shapes(pen: Pen) -> list[dict[str, Any]]:
+    """Areas, lines and discs of a pen, the lowest first, with gaps as null; sizes in pixels."""
+    look: dict[str, Any]
+    shapes = list[tuple[float, np.ndarray, dict[str, Any]]]()
+    for (face, edge, width, z), areas in pen.areas.items():
+        look = {"face": _written(face), "edge": _written(edge) if width else None}
+        closed = (np.concatenate([area, area[:1]]) for area in areas)
+        shapes += [(z, area, look | {"width": _PIXELS * width}) for area in closed]
+    for (colour, width, z, dash), lines in pen.lines.items():
+        look = {"edge": _written(colour), "width": _PIXELS * width}
+        look |= {"dash": [_PIXELS * width * part for part in dash]}
+        shapes += [(z, line, look) for line in lines]
+    for (radius, face, edge, width, z), centres in pen.rings.items():
+        look = {"face": _written(face), "edge": _written(edge) if width else None}
+        look |= {"width": _PIXELS * width, "disc": 2 * _PIXELS * radius * pen.scale}
+        shapes += [(z, places, look) for places in centres]
+    return [
+        look | {"points": [None if math.isnan(x) else (x, y) for x, y in points.tolist()]}
+        for _, points, look in sorted(shapes, key=lambda shape: shape[0])
     ]
-    if artist.get_marker() == "o":
-        width, face = artist.get_markeredgewidth(), to_hex(artist.get_markerfacecolor())
-        edge = to_hex(artist.get_markeredgecolor()) if width else None
-        size = _PIXELS * artist.get_markersize()
-        yield {"points": points, "face": face, "edge": edge, "width": _PIXELS * width, "disc": size}
-        return
-    width = _PIXELS * artist.get_linewidth()
-    dash = [4 * width, 3 * width] if artist.is_dashed() else []
-    yield {"points": points, "edge": to_hex(artist.get_color()), "width": width, "dash": dash}
+
+
+def _written(colour: Colour) -> str | None:
+    """A colour as the page has it."""
+    return None if colour == "none" else to_hex(colour)
 
 
 def _text(data: dict[str, Any]) -> str:

@@ -106,9 +106,10 @@ class Pen:
         #: Length of a point in the drawing, and of a point of symbols.
         self.point = float(np.ptp(ax.get_xlim())) / width
         self.unit = scale * self.point
-        self._lines = defaultdict[tuple, list](list)
-        self._areas = defaultdict[tuple, list](list)
-        self._rings = defaultdict[tuple, list](list)
+        #: Points of lines, areas and rings by their looks.
+        self.lines = defaultdict[tuple, list](list)
+        self.areas = defaultdict[tuple, list](list)
+        self.rings = defaultdict[tuple, list](list)
 
     def _shade(self, colour: Colour | None, usual: Colour) -> Colour:
         colour = usual if colour is None else colour
@@ -119,19 +120,19 @@ class Pen:
     ) -> None:
         """A line through points (n, 2)."""
         key = self._shade(colour, self.theme.ink), width, z, tuple(dash)
-        self._lines[key].append(np.asarray(points, dtype=float))
+        self.lines[key].append(np.asarray(points, dtype=float))
 
     def area(self, points, face: Colour | None = None, edge=None, width=1.0, z=3.0) -> None:
         """An area with corners (n, 2)."""
         theme = self.theme
         key = self._shade(face, theme.ground), self._shade(edge, theme.ink), width, z
-        self._areas[key].append(np.asarray(points, dtype=float))
+        self.areas[key].append(np.asarray(points, dtype=float))
 
     def ring(self, centres, radius: float, face=None, edge=None, width=1.2, z=6.0) -> None:
         """Circles about points (n, 2), with a radius in points of symbols."""
         theme = self.theme
         key = radius, self._shade(face, theme.paper), self._shade(edge, theme.ink), width, z
-        self._rings[key].append(np.reshape(centres, (-1, 2)))
+        self.rings[key].append(np.reshape(centres, (-1, 2)))
 
     def at(self, place, shape, way=(1.0, 0.0)) -> np.ndarray:
         """Points (n, 2) of a symbol, in points, turned from the x-axis into a direction."""
@@ -155,7 +156,7 @@ class Pen:
 
     def finish(self) -> None:
         """Add all to the axes."""
-        for (colour, width, z, dash), lines in self._lines.items():
+        for (colour, width, z, dash), lines in self.lines.items():
             points = np.concatenate([part for line in lines for part in (line, _GAP)])
             look: Look = {"color": colour, "linewidth": width, "zorder": z}
             if dash:
@@ -163,10 +164,10 @@ class Pen:
             else:
                 look |= {"solid_capstyle": "round", "solid_joinstyle": "round"}
             self.ax.plot(*points.T, **look)
-        for (face, edge, width, z), areas in self._areas.items():
+        for (face, edge, width, z), areas in self.areas.items():
             look = {"facecolor": face, "edgecolor": edge, "linewidth": width, "zorder": z}
             self.ax.add_collection(PolyCollection(areas, **look), autolim=False)
-        for (radius, face, edge, width, z), centres in self._rings.items():
+        for (radius, face, edge, width, z), centres in self.rings.items():
             look = {"markerfacecolor": face, "markeredgecolor": edge, "markeredgewidth": width}
             size = 2 * radius * self.scale
             points = np.concatenate(centres)

@@ -45,21 +45,6 @@ from .drawing import (
 )
 from .labels import Labels
 from .look import ROPE, Look, Pen, Theme, left_of, mixed, theme_of
-from .symbols import (
-    SEQUENTIAL,
-    DrawnMembers,
-    colours_of,
-    draw_between,
-    draw_members,
-    draw_moving,
-    draw_pin,
-    draw_supports,
-    is_a_rope,
-    marks_of,
-    pull_of,
-    supports_of,
-    words_for,
-)
 
 # -- Pictures of shapes: deformed ones of some rows, superposed, and modes, side by side --------
 
@@ -145,7 +130,7 @@ def shapes(
     drawing = checked_drawing(solution, magnify, scene_unit, _ROWS, rows, times, count)
     shown, by_time = drawing.rows, isinstance(colour, str) and colour == "time"
     quantity = None if by_time else colour
-    members = DrawnMembers(drawing, thickness, quantity, colour_limits, colour_scale)
+    members = symbols.DrawnMembers(drawing, thickness, quantity, colour_limits, colour_scale)
     drawing.include(members.corners)
     marks = symbols.checked_marks(drawing, marks)
     ends = headings(solution, solution.t[[shown[-1], shown[0]]])
@@ -161,7 +146,7 @@ def shapes(
     if quantity is not None:
         plane.draw_bar(members.scale, **members.bar)
     elif by_time:
-        shades = [SEQUENTIAL(0.0)] if len(shown) == 1 else _colours_of_times(plane, drawing)
+        shades = [symbols.SEQUENTIAL(0.0)] if len(shown) == 1 else _colours_of_times(plane, drawing)
     if by_time and thickness is None:
         # With a parallel projection matplotlib's axes fit the picture exactly.
         limits = ax.get_xlim(), ax.get_ylim()
@@ -175,11 +160,11 @@ def shapes(
             drawn = ax.add_collection(members.collection(own, 3 + 1e-4 * order, **look))
             members.move(drawn, k)
         elif thickness is not None:
-            faces = [mixed(face, colours.paper, own.fade) for face in colours_of(drawing)]
+            faces = [mixed(face, colours.paper, own.fade) for face in symbols.colours_of(drawing)]
             look = {"facecolor": members.per_piece(faces), "zorder": 2 + is_last}
             members.move(ax.add_collection(members.collection(own, **look)), k)
         elif not by_time:
-            draw_members(own, drawing, k, ghost=not is_last)
+            symbols.draw_members(own, drawing, k, ghost=not is_last)
         symbols.draw_moving(own, drawing, k, ghost=not is_last)
         symbols.draw_forces(own, drawing, k)
         if not is_last:
@@ -207,7 +192,7 @@ def _colours_of_times(plane: Plane, drawing: Drawing) -> np.ndarray:
     static = solution.stats.static
     # On a path through limit points a load factor occurs more than once: colours are by order.
     values = np.arange(len(rows)) if static else factor * values
-    scale = ScalarMappable(Normalize(values.min(), values.max()), SEQUENTIAL)
+    scale = ScalarMappable(Normalize(values.min(), values.max()), symbols.SEQUENTIAL)
     shades = scale.to_rgba(values)
     bar = plane.draw_bar(scale, label="load factor, in order" if static else f"time $t$ [{unit}]")
     if static:
@@ -319,8 +304,8 @@ def _vibration(modes: Modes, mode: int, size: float) -> SimpleNamespace:
 def _draw(ax, theme: Theme, drawing: Drawing, mode_rows: np.ndarray) -> None:
     scale = 0.75 * drawing.thinness
     rest, moved = (Pen(ax, theme, scale, fade) for fade in (0.8, 0.0))
-    draw_members(rest, drawing, _AT_REST, ghost=True)
-    draw_members(moved, drawing, _MOVED)
+    symbols.draw_members(rest, drawing, _AT_REST, ghost=True)
+    symbols.draw_members(moved, drawing, _MOVED)
     if abs(mode_rows.imag).max() > 0.01 * abs(mode_rows).max():
         for name in drawing.solution.beams:
             moved.line(drawing.axis(name, _LATER), theme.soft, 1.0, 3.5, (4, 2))
@@ -605,12 +590,13 @@ class _Panel:
     def draw(self, name: str, diagram: _Diagram) -> str:
         """Draw a quantity; its words, with the unit of the numbers."""
         drawing, theme, row = self._drawing, self._theme, self._row
-        parts, largest, words = drawing.parts(row), _largest(diagram), words_for(name, drawing.unit)
+        parts, largest = drawing.parts(row), _largest(diagram)
+        words = symbols.words_for(name, drawing.unit)
         factor, prefix = prefix_of(largest, _KILO) if "[N" in words else (1.0, "")
         scale = self._tallest / (largest or 1.0)
         self._draw_areas(diagram, scale)
-        symbols = _SYMBOLS * self._thin
-        top, pale = Pen(self._ax, theme, symbols), Pen(self._ax, theme, symbols, 0.45)
+        size = _SYMBOLS * self._thin
+        top, pale = Pen(self._ax, theme, size), Pen(self._ax, theme, size, 0.45)
         for curves in itertools.chain(*diagram):
             points, gap = curves.points, np.full((len(curves.points), 1, 2), np.nan)
             outlines = [points[:, :1], curves.tips(scale), points[:, -1:], gap]
@@ -618,14 +604,14 @@ class _Panel:
             top.line(line, mixed(theme.ink, theme.paper, 0.25), 0.9 * self._thin, 2)
             line = np.concatenate([points, gap], axis=1).reshape(-1, 2)
             top.line(line, theme.ink, 2.2 * self._thin, 3)
-        draw_moving(pale, drawing, row)
+        symbols.draw_moving(pale, drawing, row)
         shows_pulls = name == "N" and len(diagram) == 1
-        draw_between(top if shows_pulls else pale, drawing, parts, row)
-        marks = marks_of(drawing, parts)
+        symbols.draw_between(top if shows_pulls else pale, drawing, parts, row)
+        marks = symbols.marks_of(drawing, parts)
         for kind in ("hinge", "slide"):
             if kind in marks:
-                draw_pin(top, drawing.positions(marks[kind], row))
-        draw_supports(top, drawing, parts, row)
+                symbols.draw_pin(top, drawing.positions(marks[kind], row))
+        symbols.draw_supports(top, drawing, parts, row)
         if largest > 0:
             self._write(top, diagram, scale, largest, factor)
         if shows_pulls:
@@ -666,7 +652,8 @@ class _Panel:
         picks = [(curve, i) for curve in refined for i in self._picks(curve, largest)]
         if len(self._drawing.solution.beams) > _NAMED and picks:
             value_of = lambda pick: pick[0].values[0, pick[1]]  # noqa: E731
-            picks = [*dict.fromkeys(choice(picks, key=value_of) for choice in (max, min))]
+            highest, lowest = max(picks, key=value_of), min(picks, key=value_of)
+            picks = [highest] if highest is lowest else [highest, lowest]
         known: list[tuple[list[Beam], float, np.ndarray]] = []
         for curve, i in picks:
             value, foot = float(curve.values[0, i]), curve.points[0, i]
@@ -691,7 +678,7 @@ class _Panel:
         if np.ptp(values) < _ALIKE * largest:
             picks = {len(values) // 2}
         else:
-            supports = self._drawing.once(supports_of, self._drawing.parts(self._row))
+            supports = self._drawing.once(symbols.supports_of, self._drawing.parts(self._row))
             inner = [s for s, n in zip(beam.s, beam.nodes, strict=True) if n.number in supports]
             # A place has two values: each part has that on its own side.
             cuts = [int(np.searchsorted(curve.s, s, "right")) - 1 for s in inner]
@@ -707,14 +694,14 @@ class _Panel:
     def _write_pulls(self, parts, factor: float) -> None:
         """Write the forces of ropes and springs between points beside them."""
         for force in parts.forces_between if len(parts.forces_between) <= _NAMED else ():
-            pull = pull_of(self._drawing, force, self._row)
+            pull = symbols.pull_of(self._drawing, force, self._row)
             if pull is None or len(force.points) < 2 or force.to_ground:
                 continue
             line = line_between(self._drawing, force, self._row)
             place = (
                 line[0] + 0.62 * (line[-1] - line[0]) if len(line) == 2 else line[len(line) // 2]
             )
-            kind = "rope " if is_a_rope(force) else ""
+            kind = "rope " if symbols.is_a_rope(force) else ""
             words = kind + _number(pull / factor) if pull else "slack"
             across = left_of(line[-1] - line[0])
             colour = self._theme.text(ROPE)

@@ -451,7 +451,7 @@ def draw_pin(pen: Pen, places) -> None:
 
 def draw_held(pen: Pen, drawing: Drawing, parts: Parts, k: int) -> None:
     """Draw supports, joints, gears, springs, ropes and fixed obstacles of a scene in row k."""
-    for outline in drawing.obstacles.fixed(parts):
+    for outline in drawing.fixed(parts):
         draw_outline(pen, outline)
     draw_supports(pen, drawing, parts, k)
     draw_joints(pen, drawing, parts, k)
@@ -468,7 +468,7 @@ def draw_past(pen: Pen, drawing: Drawing) -> None:
 def draw_moving(pen: Pen, drawing: Drawing, k: int, ghost: bool = False) -> None:
     """Draw arms, bodies, balls, carried obstacles and masses of row k; of ghosts outlines only."""
     parts = drawing.parts(k)
-    for outline in drawing.obstacles.carried(parts, k):
+    for outline in drawing.carried(parts, k):
         draw_outline(pen, outline, ghost)
     for wheel in drawing.circles(parts, k):
         pen.area(wheel[1:-1], "none" if ghost else None, width=1.0 if ghost else 1.3, z=2.2)
@@ -844,19 +844,11 @@ def draw_between(pen: Pen, drawing: Drawing, parts: Parts, k: int) -> None:
             pen.line(points, ACTS, 1.2, 3.5, (6, 3))
         if not is_rope:
             draw_straight(pen, laws, points[0], points[-1])
-        ends = (
-            (force.points[0], -force.apart[0], points[0]),
-            (
-                force.points[-1],
-                force.apart[-1],
-                points[-1],
-            ),
-        )
-        for point, way, place in ends:
-            if isinstance(point, Node):
-                pen.ring(place, 2.0, pen.theme.ink, width=0.0, z=5.6)
-            elif not (np.hypot(*(supports - place).T) < 8.0 * pen.unit).any():
-                pen.wall(place, unit(way), 20.0)
+        for end, sense in ((0, -1.0), (-1, 1.0)):
+            if isinstance(force.points[end], Node):
+                pen.ring(points[end], 2.0, pen.theme.ink, width=0.0, z=5.6)
+            elif not (np.hypot(*(supports - points[end]).T) < 8.0 * pen.unit).any():
+                pen.wall(points[end], unit(sense * force.apart[end]), 20.0)
 
 
 def is_a_rope(force) -> bool:
