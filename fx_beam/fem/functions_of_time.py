@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 import itertools
 import math
@@ -515,7 +514,7 @@ class LoadedBeams(NamedTuple):
     @classmethod
     def of(cls, scene: Scene) -> LoadedBeams:
         """Beams and loads that a scene has now."""
-        return cls(copy.copy(scene.beams), tuple(scene.loads), scene.gravity, scene.array_calls)
+        return cls(scene.beams.copy(), tuple(scene.loads), scene.gravity, scene.array_calls)
 
 
 def dead_loads(

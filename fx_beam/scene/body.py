@@ -73,6 +73,12 @@ class Members(list[T]):
         # Numbers of members by name, which may have changed since.
         self._numbers: dict[str, int] = {}
 
+    def copy(self) -> Members[T]:
+        """The members of now, which are found by their names."""
+        other = Members[T](self.kind)
+        other.extend(self)
+        return other
+
     def __getitem__(self, key):
         if not isinstance(key, str):
             return super().__getitem__(key)

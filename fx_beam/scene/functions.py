@@ -688,13 +688,14 @@ def with_values(scene, values: np.ndarray | None):
 
 def values_at(scene, settings: Mapping | None, t: float) -> dict[str, np.ndarray | None]:
     """Values at t [s] and names of all inputs, as members of a `State`."""
-    sizes, unset, given = widths(scene), unset_values(scene), {} if settings is None else settings
+    if not (sizes := widths(scene)):
+        return {"inputs": None, "input_names": None}
+    unset, given = unset_values(scene), {} if settings is None else settings
     parts = [
         checked_function(given.get(name, unset[name]), width, f"input {name!r}", t)(t)
         for name, width in sizes.items()
     ]
-    values = np.concatenate(parts) if parts else None
-    return {"inputs": values, "input_names": names_of_values(sizes)}
+    return {"inputs": np.concatenate(parts), "input_names": names_of_values(sizes)}
 
 
 def names_of_values(sizes: Mapping[str, int]) -> np.ndarray | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -36,8 +37,7 @@ class Parts(NamedTuple):
         """The parts of a scene as it is now."""
         gone = scene.gone
         fixed = (key for key in scene.fixed if key[0] not in gone) if gone else scene.fixed
-        lists = (getattr(scene, name) for name in cls._fields[1:])
-        return cls(frozenset(fixed), *map(tuple, lists))
+        return cls(frozenset(fixed), *map(tuple, _LISTS(scene)))
 
     def __reduce__(self):
         # Functions of the user, as loads may have, cannot be copied.
@@ -88,3 +88,7 @@ def _on(node_of: Callable[[Node], Node], part: Any) -> Any:
     other = object.__new__(type(part))
     vars(other).update(new)
     return other
+
+
+# Lists of a scene, in the order of the fields.
+_LISTS = operator.attrgetter(*Parts._fields[1:])

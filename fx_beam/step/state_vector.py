@@ -34,9 +34,11 @@ class StateVector:
 
     def __init__(self, model: Model, c: Any, ffi: Any, C: Any):
         n, self._most = model.size, C.PAST
-        #: Shapes of the arrays of the state by name.
-        self.shapes = {name: array.lengths(fact(model, sizes_of)) for name, array in ARRAYS.items()}
-        sizes = {name: math.prod(shape) for name, shape in self.shapes.items()}
+        shapes = {name: array.lengths(fact(model, sizes_of)) for name, array in ARRAYS.items()}
+        sizes = {name: math.prod(shape) for name, shape in shapes.items()}
+        # Arrays of the state that are empty, by name, and shapes of the others.
+        self._empty = {name: np.zeros(shape) for name, shape in shapes.items() if not sizes[name]}
+        self._shapes = {name: shape for name, shape in shapes.items() if sizes[name]}
         sizes["driven_now"] = model.reduction.driven
         # Where each unknown is a displacement of nodes, its differences are those of the nodes.
         unknowns = 0 if model.couplings.is_selection else model.reduction.free
@@ -47,14 +49,10 @@ class StateVector:
         ends = itertools.pairwise(itertools.accumulate(all_sizes.values(), initial=0))
         #: Where its arrays are in the memory, which C copies before a step with sub-steps.
         self.places = dict(zip(all_sizes, itertools.starmap(slice, ends), strict=True))
-        arrays = self._begin_in(model, c, ffi, memory)
+        self._begin_in(model, c, ffi, memory)
         self._ages[0][:] = self._ages[1][:] = 1.0
         # Zeros for those that are not empty, which the memory begins with.
-        self._blank = {
-            name: np.broadcast_to(0.0, array.shape)
-            for name, array in self.arrays.items()
-            if array.size
-        }
+        self._blank = {name: np.broadcast_to(0.0, shape) for name, shape in self._shapes.items()}
         # Names of those that states have: before the first step, and after it without and with the
         # forces of joints and obstacles, which only steps that are recorded compute.
         names = [name for name in ARRAYS if name in self._blank or ARRAYS[name].required]
@@ -64,6 +62,7 @@ class StateVector:
             [*names_at_start, "constraint_forces"],
             [*names_at_start, *FORCES],
         )
+        arrays = {name: memory[place] for name, place in self.places.items()}
         state_arrays = {name: arrays[name] for name in sizes}
         #: Members of ``Work`` of c/work.h.
         self.members: dict[str, dict[str, object]] = {
@@ -72,27 +71,23 @@ class StateVector:
             "control": {name: arrays[f"error_{name}"] for name in errors},
         }
 
-    def _begin_in(
-        self, model: Model, c: Any, ffi: Any, memory: np.ndarray
-    ) -> dict[str, np.ndarray]:
-        """Have the state in a piece of memory; its arrays by name, as vectors."""
-        self._model, self._c, self.memory = model, c, memory
-        arrays = {name: memory[place] for name, place in self.places.items()}
-        #: Arrays of the state, and positions (driven,) of driven motions.
-        self.arrays = {
-            name: arrays[name] if len(shape) == 1 else arrays[name].reshape(shape)
-            for name, shape in self.shapes.items()
+    def _begin_in(self, model: Model, c: Any, ffi: Any, memory: np.ndarray) -> None:
+        """Have the state in a piece of memory."""
+        self._model, self._c, self.memory, places = model, c, memory, self.places
+        #: Arrays of the state by name.
+        self.arrays = self._empty | {
+            name: memory[places[name]].reshape(shape) for name, shape in self._shapes.items()
         }
-        self._of_state = memory[: self.places["driven_now"].start]
-        self._driven = arrays["driven_now"]
-        self._ages = arrays["ages"], arrays["error_ages"]
+        # All of them, and positions (driven,) of driven motions.
+        self._of_state = memory[: places["driven_now"].start]
+        self._driven = memory[places["driven_now"]]
+        self._ages = memory[places["ages"]], memory[places["error_ages"]]
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.
         first, stop = (ffi.offsetof("Work", name) for name in ("state", "run"))
         self._numbers = ffi.buffer(ffi.addressof(c.work, "state"), stop - first)
         # Ages, and divided differences of nodes (PAST, size) and of unknowns (PAST, free or 0).
-        past, n = arrays["past"].reshape(self._most, -1), model.size
-        self._past = arrays["ages"], past[:, :n], past[:, n:]
-        return arrays
+        past, n = memory[places["past"]].reshape(self._most, -1), model.size
+        self._past = self._ages[0], past[:, :n], past[:, n:]
 
     def in_block(self, model: Model, c: Any, ffi: Any, memory: np.ndarray) -> StateVector:
         """The state of a run, in its memory, which is as it was here at first."""
