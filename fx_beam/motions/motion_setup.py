@@ -11,7 +11,17 @@ import numpy as np
 
 from fx_beam import errors
 from fx_beam.dual import MaybeDual, dual_array, floats
-from fx_beam.errors import LARGEST, SceneError, as_float, is_flag, is_number, require, shown, whole
+from fx_beam.errors import (
+    LARGEST,
+    SceneError,
+    as_float,
+    is_flag,
+    is_number,
+    require,
+    shown,
+    warn_once,
+    whole,
+)
 from fx_beam.fem.forms import SceneArrays
 from fx_beam.fem.functions_of_time import before
 from fx_beam.laws.schemes import EnergyMomentum, Scheme, order_and_constant
@@ -23,7 +33,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
-from fx_beam.step.model import Model, data_of, fact, numbers_of, sizes_of
+from fx_beam.step.model import Model, data_of, fact, keeps_rate_errors, numbers_of, sizes_of
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.program import PROGRAMS, Program
 from fx_beam.step.recorder import Record, Recorder
@@ -494,6 +504,13 @@ class MotionSetup:
         return replace(state, v=state.v + slow, work=state.work + supplied)
 
 
+_KEPT_ERRORS = (
+    "{}: accelerations of bodies that turn on joints, and forces of joints there, may be wrong by "
+    "more than their size, whatever the step, as nothing damps their errors; displacements are "
+    "right. Take EnergyMomentum() or HHT() for forces"
+)
+
+
 def prepare(scene: Scene, options: Options, owned: bool = False) -> MotionSetup:
     """A prepared scene with memory of its own; one that is `owned` serves other scenes later."""
     if options.scheme.built_in:
@@ -504,6 +521,8 @@ def prepare(scene: Scene, options: Options, owned: bool = False) -> MotionSetup:
             model = Program(model).model_of(scene)
     prepared = MotionSetup(model, options)
     prepared.stats.setup_reason = reason
+    if fact(model, keeps_rate_errors):
+        warn_once(_KEPT_ERRORS.format(options.scheme.name))
     return prepared
 
 

@@ -23,10 +23,8 @@ from fx_beam.scene.functions import values_at
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import Watch
 from fx_beam.step import full_turns
-from fx_beam.step.forcing import Forcing
 from fx_beam.step.interrupts import NOTHING, ctrl_c_waits
-from fx_beam.step.model import fact, led_dofs
-from fx_beam.step.recorded_rows import RecordedHistories, driven_increments
+from fx_beam.step.recorded_rows import RecordedHistories
 from fx_beam.step.recorder import NullRecorder, Recorder, Rows
 from fx_beam.step.state_vector import energy_of
 from fx_beam.step.step_control import AVERAGED, LARGE_TURN, StepControl, end_behind_event
@@ -62,9 +60,6 @@ _SIGNS = np.array([1.0, 1.0, 1.0, -1.0, 1.0, 1.0, 1.0, 0.0])
 # Error of the balance, relative to the largest of the energies, from which it is named; and what
 # round-off of all of them may be.
 _LARGE, _ROUND_OFF = 1e-3, 1e-9
-# How much faster than before and after a driven motion moves where it jumps; what is no motion, in
-# sizes of the scene or rad.
-_AT_ONCE, _NO_MOTION = 10.0, 1e-10
 
 
 def warn_of_parts(stats: Stats, dt: float) -> None:
@@ -119,35 +114,6 @@ def warn_of_balance(scheme: Scheme, t: np.ndarray, energies: np.ndarray) -> None
             "a cause, up to %.3g J; its energies are %.3g J. Take shorter steps or a tolerance; "
             "energy.balance_error shows where it happens",
             *(t[k], "gains" if errors[k] > 0 else "loses", largest, size),
-        )
-
-
-def warn_of_jumps(scheme: Scheme, forcing: Forcing, recorder: Recorder) -> None:
-    """Warn of a driven motion that jumps and moves what joints hold, by Newmark's family.
-
-    It is one that moves ten times as fast as in the step before and in the next one.
-    """
-    arrays, rows, model = recorder.arrays, recorder.rows, forcing.model
-    if scheme.rates.mean_based or not forcing.functions or rows < 4:
-        return
-    entries, held = (
-        model.couplings.all_entries,
-        model.couplings.free + np.arange(len(forcing.names)),
-    )
-    others = entries.column[~np.isin(entries.row, fact(model, led_dofs))]
-    passes_on = np.isin(held, others) | bool(model.couplings.auxiliaries)
-    moved = abs(driven_increments(model, arrays["q"][:rows], arrays["slides"][:rows]))
-    beside = moved[1:].copy()
-    np.maximum(beside[1:], moved[:-2], out=beside[1:])
-    jumps = moved[:-1] > np.maximum(_AT_ONCE * beside, _NO_MOTION * model.mesh.size)
-    jumps &= passes_on
-    if jumps.any():
-        step, column = np.argwhere(jumps)[0]
-        _log.warning(
-            "simulate: %s jumps in the step to t = %.6g. With %s, rates and accelerations of "
-            "masses that joints couple to it, and forces there, are wrong from then on; "
-            "displacements are right. Let it move over many steps, or take EnergyMomentum",
-            *(forcing.names[column], recorder.t[step + 1], scheme.name),
         )
 
 
@@ -305,8 +271,6 @@ class Run:
             energies = recorder.arrays["energies"][: recorder.rows]
             warn_of_balance(self.options.scheme, recorder.t[: recorder.rows], energies)
         if self._knows_places:
-            if self.options.dt is not None and recorder.rows == self.prepared.stats.steps + 1:
-                warn_of_jumps(self.options.scheme, self.prepared.forcing, recorder)
             warn_of_places(solution, self._scene.joints, self._scene.forces_between)
             rows, t = self.recorder.rows, solution.t
             q = self.recorder.arrays["q"][:rows].reshape(rows, -1, 3)  # without a copy

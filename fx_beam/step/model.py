@@ -456,6 +456,31 @@ def led_dofs(model: Model) -> np.ndarray:
     return np.setdiff1d(row, row[~held[column]])
 
 
+def recursive_columns(model: Model) -> np.ndarray:
+    """Whether driven motions (driven,) move masses whose rates are by Newmark's recursion."""
+    entries, driven = model.couplings.all_entries, model.couplings.driven
+    if not isinstance(model.scheme.rates, NewmarkRates) or not driven:
+        return np.zeros(driven, dtype=bool)
+    others = entries.column[~np.isin(entries.row, fact(model, led_dofs))]
+    passed_on = np.isin(model.couplings.free + np.arange(driven), others)
+    return passed_on | bool(model.couplings.auxiliaries)
+
+
+def keeps_rate_errors(model: Model) -> bool:
+    """Whether masses turn on arms, where errors of accelerations by Newmark's rule add up.
+
+    The equations do not control a part of these. Known motion leaves a recursion, stable if gamma
+    is at least 1/2 and beta gamma/2, which with 1/2 and 1/4 repeats them with alternating signs.
+    """
+    couplings, rates = model.couplings, model.scheme.rates
+    if not isinstance(rates, NewmarkRates) or (0.5 <= rates.gamma <= 2 * rates.beta > 0.5):
+        return False
+    row, column, value_at, _ = couplings.all_entries
+    moved = row[(value_at > 0) & (column < couplings.independent)]
+    turned = np.setdiff1d(moved, fact(model, led_dofs))
+    return bool((model.masses.matrix.diagonal()[turned] > 0).any() or couplings.auxiliaries)
+
+
 def need_rates(model: Model) -> bool:
     """Whether forces of beams are evaluated with the rates at the starts of steps."""
     beams, rates = model.forms.beams, model.scheme.rates

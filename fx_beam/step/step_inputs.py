@@ -52,6 +52,11 @@ class StepInputs:
         """Number of steps."""
         return len(self.driven) // self.parts
 
+    @property
+    def ends_of_driven(self) -> np.ndarray:
+        """Driven motions (steps, driven) at the ends of steps."""
+        return self.driven[self.parts - 1 :: self.parts]
+
     def arrays(self) -> dict[str, Any]:
         """All rows by name."""
         return {name: getattr(self, name) for name in _ARRAYS}

@@ -24,7 +24,7 @@ from fx_beam.scene.sliders import corner_advice
 from .equations import Equations, Residual
 from .forcing import Forcing, LoadForcing
 from .full_turns import TurnCounter
-from .model import Model
+from .model import Model, fact, recursive_columns
 from .newton import LONGEST_TURN, NewtonOptions
 from .recorded_rows import sums_of
 from .recorder import Mark, NullRecorder, Recorder, RecordInC, Rows
@@ -34,6 +34,7 @@ from .tables import ProblemInC, problem_of
 from .tangent_storage import ProblemKind
 
 if TYPE_CHECKING:
+    from .state_vector import StateVector
     from .step_control import StepControl
     from .tape import Tape
 
@@ -86,6 +87,55 @@ def least_energy(model: Model) -> float:
             EA = floats(section.values("EA", arc_lengths(beam, gauss) / beam.length)).min()
         least = min(least, float(EA) * length / 50)
     return least
+
+
+# -- Driven motions that jump, where Newmark's family carries on what they do to rates -----------
+
+
+# How much faster than before and after a driven motion moves where it jumps; what is no motion, in
+# sizes of the scene or rad.
+_AT_ONCE, _NO_MOTION = 10.0, 1e-10
+_JUMPS = (
+    "%s: %s jumps in the step to t = %.6g: rates and accelerations of masses that joints couple to "
+    "it, and forces there, are wrong from then on; displacements are right. Let it move over many "
+    "steps, or take EnergyMomentum"
+)
+
+
+class JumpWatch:
+    """Warns once of a driven motion that jumps and moves what joints hold, by Newmark's family.
+
+    It is one that moves ten times as fast as in the step before and in the next one.
+    """
+
+    def __init__(self, forcing: Forcing):
+        self._forcing, self._columns = forcing, fact(forcing.model, recursive_columns)
+        #: Whether there is something to warn of.
+        self.on = bool(self._columns.any())
+        self._times, self._places = np.empty(0), np.empty((0, len(self._columns)))
+
+    def begin(self, state: StateVector) -> None:
+        """Begin steps from a state; those behind it were undone. A motion starts from rest."""
+        before = self._times <= state.t
+        self._times, self._places = self._times[before], self._places[before]
+        if len(self._times) < 2:
+            start = self._forcing.current(state.read())
+            self._times, self._places = np.array([-np.inf, state.t]), np.array([start, start])
+
+    def follow(self, ends: np.ndarray, places: np.ndarray) -> None:
+        """Look at steps that were taken, to places (n, driven), with the two before."""
+        model = self._forcing.model
+        times, places = np.append(self._times, ends), np.concatenate([self._places, places])
+        moved = abs(np.diff(places, axis=0))
+        speeds = moved / np.diff(times)[:, None]
+        jumps = speeds[1:-1] > _AT_ONCE * np.maximum(speeds[:-2], speeds[2:])
+        jumps &= (moved[1:-1] > _NO_MOTION * model.mesh.size) & self._columns
+        self._times, self._places = times[-3:], places[-3:]
+        if jumps.any():
+            step, column = np.argwhere(jumps)[0]
+            name = self._forcing.names[column]
+            _log.warning(_JUMPS, model.scheme.name, name, times[step + 2])
+            self.on = False
 
 
 # -- Why a step fails: what is checked of it, and what is said ----------------------------------
@@ -242,6 +292,7 @@ class CompiledLoop:
         #: Inputs of steps from a time to other times [s] that are taken next.
         self.inputs_ahead: Callable[[float, np.ndarray], StepInputs]
         self.inputs_ahead = functools.partial(inputs_of, self.problem, forcing)
+        self._jumps = JumpWatch(forcing)
         self.problem.c.work.inverted.least_energy = least_energy(self.model)
         stats.solver = stats.solver or f"compiled, {self.problem.storage.factors}"
 
@@ -258,6 +309,8 @@ class CompiledLoop:
         p, inputs, problem = self.problem.c, steps.inputs, self.problem
         number, t = inputs.steps, p.work.state.t
         record = self._record.next(recorder, number, steps.first, steps.parts, steps.done)
+        if self._jumps.on:
+            self._jumps.begin(self.state)
         tape = recorder.tape if isinstance(recorder, NullRecorder) else self.tape
         if tape is None:
             limits = steps.limits(problem)
@@ -267,6 +320,8 @@ class CompiledLoop:
         recorder.rows, recorder.starts.count = record.rows, record.starts
         if count:
             p.work.state.t = float(steps.ends[count - 1])  # without the rounding of sums
+            if self._jumps.on:
+                self._jumps.follow(steps.ends[:count], inputs.ends_of_driven[:count])
         if count < number:
             self.stats.unconverged += p.work.run.failure == problem.library.NO_CONVERGENCE
         self.count()

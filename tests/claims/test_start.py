@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from jointed import MEMBER, pair, thrown, whirling
 from scenes import FLYING, PLASTIC, clamped_bar, free_flight, guided_body, pinned_beam
+from scipy.integrate import solve_ivp
 
 import fx_beam as fb
 
@@ -558,24 +559,94 @@ def test_what_jumps_rests_a_few_steps_later_by_newmarks_family(kind, scheme, at,
         assert work == pytest.approx(40.0 * 0.1**2 / 2, rel=0.2)  # of the spring alone
 
 
-@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT(-0.1), fb.GeneralizedAlpha(0.8)], ids=str)
-def test_newmarks_family_tells_of_driven_motions_that_jump_and_have_bodies_on_joints(
-    scheme, caplog
-):
-    def run(scheme, rate, jump):
-        scene = fb.Scene(gravity=(0, -9.81))
-        block = scene.add_body((0, 0), 1.0, 0.1).centre
-        bob = scene.add_body((0, -1), 1.0, 0.1, points={"P": (0, 0)})
-        scene.add_joint(fb.Revolute(block, bob["P"]))
-        scene.prescribe(block, x=lambda t: jump * (t > 0.1) + rate * np.sin(30 * t) ** 2)
-        scene.fix(block, "y", "rotation")
-        fb.simulate(scene, scheme, dt=2e-3, t_end=0.3)
+def hung_on(place):
+    """A bob on a block that moves to place(t) along x."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    block = scene.add_body((0, 0), 1.0, 0.1).centre
+    bob = scene.add_body((0, -1), 1.0, 0.1, points={"P": (0, 0)})
+    scene.add_joint(fb.Revolute(block, bob["P"]))
+    scene.prescribe(block, x=place)
+    scene.fix(block, "y", "rotation")
+    return scene
 
-    run(scheme, 0.0, 0.1)
-    assert "jumps in the step to t = 0.102" in caplog.text
+
+def by_motion(scene, scheme, **inputs):
+    motion = fb.Motion(scene, scheme, dt=2e-3)
+    for _ in range(60):
+        motion.step({name: place(motion.t) for name, place in inputs.items()})
+
+
+def by_dolfinx(scene, scheme):
+    fenicsx = pytest.importorskip("fx_beam.fenicsx")
+    scene.clamp(scene.add_beam([(5, 0), (6, 0)], MEMBER, elements=1).start)
+    problem = fenicsx.Problem(scene, scheme, dt=2e-3)
+    for _ in range(60):
+        problem.advance()
+
+
+EQUAL = {"dt": 2e-3, "t_end": 0.12}
+FEW_ROWS = fb.Record(every=7, rates=False)
+WAYS = {
+    "steps": lambda *case: fb.simulate(*case, **EQUAL),
+    "few rows": lambda *case: fb.simulate(*case, **EQUAL, record=FEW_ROWS),
+    "tolerance": lambda *case: fb.simulate(*case, tolerance=1e-3, t_end=0.12, breaks=[0.1]),
+    "motion": by_motion,
+    "dolfinx": by_dolfinx,
+}
+
+
+def jump(t):
+    return 0.1 * (t > 0.1)
+
+
+@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT(-0.1), fb.GeneralizedAlpha(0.8)], ids=str)
+@pytest.mark.parametrize("way", WAYS)
+def test_newmarks_family_tells_of_driven_motions_that_jump_and_have_bodies_on_joints(
+    way, scheme, caplog
+):
+    WAYS[way](hung_on(jump), scheme)
+    assert caplog.text.count("jumps in the step to t = 0.10") == 1
     caplog.clear()
-    run(scheme, 0.1, 0.0), run(fb.EnergyMomentum(), 0.0, 0.1)
+    WAYS[way](hung_on(lambda t: 0.1 * np.sin(30 * t) ** 2), scheme)
+    WAYS[way](hung_on(jump), fb.EnergyMomentum())
     assert "jumps" not in caplog.text
+
+
+def test_newmarks_family_tells_of_inputs_that_jump(caplog):
+    by_motion(hung_on(fb.Input("x")), fb.HHT(), x=jump)
+    assert caplog.text.count("jumps in the step to t = 0.10") == 1
+    caplog.clear()
+    by_motion(hung_on(fb.Input("x")), fb.HHT(), x=np.sin)
+    assert "jumps" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [fb.Newmark(), fb.HHT(0), fb.GeneralizedAlpha(1.0), fb.Newmark(0.25, 0.6), fb.Newmark(0.4, 0.5),
+     fb.Newmark(0.35, 0.6), fb.HHT(-0.1), fb.GeneralizedAlpha(0.8), fb.EnergyMomentum()],
+    ids=str,
+)  # fmt: skip
+def test_rules_by_which_accelerations_of_bodies_do_not_converge_say_so(scheme, caplog):
+    """A pendulum (2 kg, 0.3 kg m^2, arm 0.8 m) from its lowest place with 4 rad/s."""
+    m, inertia, arm, spin, g = 2.0, 0.3, 0.8, 4.0, 9.81
+
+    def swing(_, y):
+        return y[1], -m * g * arm / (inertia + m * arm**2) * np.sin(y[0])
+
+    exact = solve_ivp(swing, (0, 1), (0, spin), rtol=1e-10, atol=1e-12, dense_output=True).sol
+    errors = []
+    for dt in (0.01, 0.0025):
+        scene = fb.Scene(gravity=(0, -g))
+        bob = scene.add_body((0, -arm), m, inertia, points={"O": (0, 0)})
+        scene.add_joint(fb.Revolute(fb.GROUND, bob["O"]))
+        scene.set_velocity(bob, (spin * arm, 0), spin=spin)
+        motion = fb.simulate(scene, scheme, dt=dt, t_end=1.0)
+        angle, rate = exact(motion.t)
+        bend, c, s = swing(0, (angle, rate))[1], np.cos(angle), np.sin(angle)
+        expected = arm * np.stack([c * bend - s * rate**2, s * bend + c * rate**2], axis=1)
+        errors.append(abs(motion.acceleration(bob.centre) - expected)[1:].max())
+    told = "accelerations of bodies that turn on joints" in caplog.text
+    assert told == (errors[1] > errors[0] / 2)
 
 
 def test_what_hangs_on_a_support_that_starts_with_a_speed_has_the_rates_of_the_blow():
