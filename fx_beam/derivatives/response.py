@@ -125,7 +125,7 @@ class Misfit:
 
     def jacobian(self, x: ArrayLike) -> np.ndarray:
         """Derivatives (n, m) of deviations by x; without a motion if the last one was that of x."""
-        if not np.array_equal(self._run._last_x(), x):
+        if not np.array_equal(self._run.values_of_last_call(), x):
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
         self._check_shapes({name: slopes[..., 0] for name, slopes in J.items()})
@@ -467,7 +467,7 @@ class Response(ParameterFunction):
         require(cases.ndim == 2, "Response.map: X", X, "a table (k, m), a row for each case")
         ok = threads is None or is_whole(threads, 1, _MOST)
         require(ok, "Response.map: threads", threads, f"a whole number from 1 to {_MOST}")
-        first = 0 if len(self._last_x()) else 1
+        first = 0 if len(self.values_of_last_call()) else 1
         call = functools.partial(_called, self._twin())
         results = [call(x) for x in (cases if threads is None else cases[:first])]
         if threads is not None:
