@@ -317,20 +317,12 @@ class ObservedMotion:
                 outputs["angle"] = Output("angle", place)
             if not outputs:
                 raise SceneError(f"{name}: {place} has no free coordinate. Take one of its nodes")
-        size, columns = model.size, model.reduction.columns
-        nodes, slides = (scipy.sparse.identity(n, format="csr") for n in (size, columns))
-        no_nodes, no_slides = (
-            scipy.sparse.csr_matrix(n) for n in ((size, columns), (columns, size))
-        )
-        listed = [Measured(output) for output in outputs.values()]
+        every = scipy.sparse.identity(model.size + model.reduction.columns, format="csr")
+        arrays = {"q": every[: model.size], "slides": every[model.size :]}
+        listed = [output_rows(model, Measured(output), arrays) for output in outputs.values()]
         #: Names of the components; matrices that give them from the motion of all nodes (m, size),
         #: but for slides, and from the unknowns (m, free).
         self.names = tuple(outputs)
-        self.node_rows = np.vstack(
-            [output_rows(model, output, {"q": nodes, "slides": no_slides}) for output in listed]
-        )
-        column_rows = np.vstack(
-            [output_rows(model, output, {"q": no_nodes, "slides": slides}) for output in listed]
-        )
+        self.node_rows, column_rows = np.hsplit(np.vstack(listed), [model.size])
         rows = zip(self.node_rows, column_rows, strict=True)
         self.rows = np.array([about.unknown_forces(*parts) for parts in rows])

@@ -111,59 +111,6 @@ def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
     return force
 
 
-class Reading:
-    """Reads deviations of a motion from a state; it holds arrays alone, and no model.
-
-    `driven` inputs are numbers and factors of their first motions; inputs `straining` a material
-    are their numbers, places in all inputs, and values in the state.
-    """
-
-    def __init__(
-        self,
-        about: Deviations,
-        driven: Sequence[tuple[int, float]],
-        straining: Sequence[tuple[int, int, float]],
-        count: int,
-    ):
-        model, state = about.model, about.state
-        self._q, self._slides, self._t = state.q, state.slides, state.t
-        self._frame, self._factor = about.frame, about.factor
-        self._T, self._dT, self._rates = about.T, about.dT, about.rates
-        self._rates_from = about.rates_from
-        self._widths = dict(about.held.widths)
-        self._driven, self._straining, self._count = driven, straining, count
-        D, slides = np.split(np.eye(model.size + len(self._slides)), [model.size], axis=1)
-        unknowns = model.couplings.unknowns(D, slides)[:, about.unknowns]
-        self._free = len(about.unknowns)
-        #: What is read of displacements and slides: unknowns, then driven motions.
-        self._read = np.hstack([unknowns, driven_of(model, D, slides)]).T
-
-    def read(
-        self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, end: State
-    ) -> tuple[np.ndarray, ...]:
-        """Unknowns y, y', positions p, p' of driven inputs, and inputs u that strain.
-
-        For displacements q (nodes, 3), rates v, slides (joints,), and a state with its time [s]
-        and inputs.
-        """
-        if q.size != self._q.size or len(slides) != len(self._slides):
-            raise SceneError("deviation: the motion is one of another scene")
-        q, v = q.reshape(-1), v.reshape(-1)
-        if self._frame is not None:
-            q, v = self._frame.seen(q, v, self._factor, end.t - self._t)
-        z = self._read @ np.concatenate([q - self._q, slides - self._slides])
-        rates = self._rates_from @ (v - self._T @ self._rates - self._dT @ z)
-        p, dp = (
-            np.array([values[self._free + number] / factor for number, factor in self._driven])
-            for values in (z, rates)
-        )
-        u = np.zeros(self._count)
-        if (inputs := values_of(end, self._widths)) is not None:
-            for number, place, value in self._straining:
-                u[number] = inputs[place] - value
-        return z[: self._free], rates[: self._free], p, dp, u
-
-
 class FirstOrder:
     """x' and the deviations z, as matrices of the states x and the inputs u side by side: (x, u).
 
@@ -223,9 +170,17 @@ class FirstOrder:
         self.jumps = V[:, a] @ self.shifts + V[:, b] @ (Bu - Ba @ self.shifts)
         self._inverse = V if masses == free else np.linalg.inv(V.toarray())
         self._h, self._a = h, a
-        self._reading = Reading(about, inputs.driven, inputs.straining, m)
         #: Matrix (n, states) that gives the states of this system.
         self._states = np.eye(len(self.dx))
+        # What motions are compared with: arrays alone, and no model.
+        self._start, self._frame, self._inputs = about.state, about.frame, inputs
+        self._factor, self._widths = about.factor, dict(about.held.widths)
+        self._T, self._dT, self._rates = about.T, about.dT, about.rates
+        self._rates_from, (q, slides) = about.rates_from, (about.state.q, about.state.slides)
+        D, slides = np.split(np.eye(len(q) + len(slides)), [len(q)], axis=1)
+        unknowns = about.model.couplings.unknowns(D, slides)[:, about.unknowns]
+        #: What is read of displacements and slides: unknowns, then driven motions.
+        self._read = np.hstack([unknowns, driven_of(about.model, D, slides)]).T
 
     def projected(self, W: np.ndarray) -> FirstOrder:
         """The system of fewer states W x, W (n, states)."""
@@ -238,8 +193,20 @@ class FirstOrder:
 
         With the inputs at its end, where a force follows from their rates.
         """
-        y, dy, p, dp, u = self._reading.read(q, v, slides, end)
-        y, dy = self._inverse @ y, self._inverse @ dy
+        start, free = self._start, len(self.jumps)
+        if q.size != start.q.size or len(slides) != len(start.slides):
+            raise SceneError("deviation: the motion is one of another scene")
+        q, v = q.reshape(-1), v.reshape(-1)
+        if self._frame is not None:
+            q, v = self._frame.seen(q, v, self._factor, end.t - start.t)
+        z = self._read @ np.concatenate([q - start.q, slides - start.slides])
+        dz = self._rates_from @ (v - self._T @ self._rates - self._dT @ z)
+        driven, u = self._inputs.driven, np.zeros(self.jumps.shape[1])
+        p, dp = (np.array([x[free + number] / scale for number, scale in driven]) for x in (z, dz))
+        if (inputs := values_of(end, self._widths)) is not None:
+            for number, place, value in self._inputs.straining:
+                u[number] = inputs[place] - value
+        y, dy = self._inverse @ z[:free], self._inverse @ dz[:free]
         slow = y[self._a] - self.shifts @ u
         rates = dy[self._h] + self.moved @ dp - self.kicks @ u
         return self._states @ np.concatenate([y[self._h], slow, p, rates])
