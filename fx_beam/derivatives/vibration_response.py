@@ -19,7 +19,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, Modes, modes_of
 from fx_beam.scene.scene import Scene
 
-from .parametrised import Chosen, DualArrays, ParameterFunction, Parametrised, one_call
+from .parametrised import DualArrays, ParameterFunction, Parametrised, one_call
 from .tangent_derivatives import Pairs, TangentAnalysis
 
 # -- Natural frequencies as a function of parameters, with derivatives --------------------------
@@ -40,19 +40,6 @@ _REPEATED = (
     "derivatives of their group, in rising order: directional derivatives by this number alone, "
     "which do not add up over several parameters"
 )
-
-
-class _Modes(NamedTuple):
-    """Angular frequencies, damping ratios, roots (k,) and vectors (free, k) of modes."""
-
-    omega: np.ndarray
-    ratios: np.ndarray
-    roots: np.ndarray
-    vectors: np.ndarray
-
-    def of(self, places: Chosen) -> _Modes:
-        """Numbers of some modes."""
-        return _Modes(*(values[..., places] for values in self))
 
 
 def _read(built: Scene) -> tuple[Scene, None]:
@@ -182,7 +169,7 @@ class ModalResponse(ParameterFunction):
         extra = 2 if self._damped else 0  # copies above are seen without damping only
         if self._take_modes(self._n + extra) < _SAME:
             self._take_modes(2 * self._n + _MORE)
-        omega, ratios, roots, vectors = self._modes.of(slice(self._n))
+        roots, omega, ratios, vectors = self._modes.only(slice(self._n))
         self._shapes = linear.T @ vectors
         self._result = modes_of(
             linear.model, linear.start.q, self._shapes, omega, omega == 0, ratios, roots
@@ -192,9 +179,9 @@ class ModalResponse(ParameterFunction):
 
     def _take_modes(self, count: int) -> float:
         """Find the lowest modes, in their places; the least likeness to the last ones there."""
-        omega, _, ratios, roots, vectors = lowest_modes(self._linear, self._damping, count)
-        order, alike = self._places(vectors)
-        self._modes = _Modes(omega, ratios, roots, vectors).of(order)
+        lowest, _ = lowest_modes(self._linear, self._damping, count)
+        order, alike = self._places(lowest.vectors)
+        self._modes = lowest.only(order)
         return alike
 
     def _places(self, vectors: np.ndarray) -> tuple[np.ndarray, float]:
@@ -234,7 +221,7 @@ class ModalResponse(ParameterFunction):
         """
         self._follow()
         groups, count = [*self._groups()], len(self._parameters.x)
-        jacobian = np.zeros((len(self._modes.omega), 1 + self._damped, count))
+        jacobian = np.zeros((len(self._modes.frequencies), 1 + self._damped, count))
         # A mode alone is a group as well; matrices have a lower triangle.
         triangles = [np.tril_indices(len(group)) for group in groups]
         entries = [group[np.array(ij)] for group, ij in zip(groups, triangles, strict=True)]
@@ -278,7 +265,7 @@ class ModalResponse(ParameterFunction):
         weight_values = array_of(weights, name)
         ok = weight_values.shape == shape and np.isfinite(weight_values).all()
         require(bool(ok), name, weights, f"{shape} finite numbers")
-        all_weights = np.zeros((len(self._modes.omega), 1 + self._damped))
+        all_weights = np.zeros((len(self._modes.frequencies), 1 + self._damped))
         all_weights[: len(weight_values)] = weight_values.reshape(len(weight_values), -1)
         modes = list[np.ndarray]()
         for group in self._groups():
@@ -301,16 +288,16 @@ class ModalResponse(ParameterFunction):
         self._tangent.changes()
         if self._looked_above or self._damped or self._damping is not None:
             return
-        highest = self._modes.omega.max()
+        highest = self._modes.frequencies.max()
         bound = highest * abs(highest) + 2 * _EQUAL * highest**2
-        if self._linear.undamped_modes.count_below(bound) != len(self._modes.omega):
+        if self._linear.undamped_modes.count_below(bound) != len(self._modes.frequencies):
             self._take_modes(2 * self._n + _MORE)
         self._looked_above = True
 
     def _groups(self) -> Iterator[np.ndarray]:
         """Groups of modes with the same root, without rigid modes."""
-        order = np.lexsort((self._modes.roots.real, self._modes.omega))
-        order = order[self._modes.omega[order] != 0]
+        order = np.lexsort((self._modes.roots.real, self._modes.frequencies))
+        order = order[self._modes.frequencies[order] != 0]
         gaps, sizes = abs(np.diff(self._modes.roots[order])), abs(self._modes.roots[order[1:]])
         for group in np.split(order, np.flatnonzero(gaps > _EQUAL * sizes) + 1):
             if len(group) and group.min() < self._n:
@@ -318,7 +305,7 @@ class ModalResponse(ParameterFunction):
 
     def _by_roots(self, modes: np.ndarray) -> np.ndarray:
         """Factors (1 or 2, n) of ds: the real part is the change of a frequency, and of a ratio."""
-        s, w = self._modes.roots[modes], abs(self._modes.omega[modes])
+        s, w = self._modes.roots[modes], abs(self._modes.frequencies[modes])
         if self._damped and not s.imag.all():
             raise SceneError(
                 f"ModalResponse: mode {modes[int(np.argmin(abs(s.imag)))]} does not vibrate: it is "
@@ -345,7 +332,7 @@ class ModalResponse(ParameterFunction):
                 )
             sides = 2 * s * (pencil.M @ x[right].T) + pencil.C @ x[right].T
             slope = (lefts * sides.T).sum(axis=1)
-        times = 1 / abs(self._modes.omega[modes])
+        times = 1 / abs(self._modes.frequencies[modes])
         return Pairs(x[modes], lefts, mode_of, -1 / slope, -s / slope, -(s**2) / slope, times)
 
     def _warn_of(self, group: np.ndarray) -> None:
@@ -355,7 +342,7 @@ class ModalResponse(ParameterFunction):
                 f"ModalResponse: the modes {group.tolist()} have the same root, and no "
                 "derivatives. Let them differ, or leave damping out"
             )
-        _log.warning(_REPEATED, len(group), self._modes.omega[group[0]])
+        _log.warning(_REPEATED, len(group), self._modes.frequencies[group[0]])
 
 
 def _left_vector(pencil: DampedPencil, root: complex, x: np.ndarray) -> np.ndarray:

@@ -99,11 +99,11 @@ _BENT = 1e-2
 _RELAXING = 12
 
 
-class Damped(NamedTuple):
-    """Modes that are not rigid, lowest first."""
+class ModeParts(NamedTuple):
+    """Modes, lowest first."""
 
     #: Roots lambda (n,) [1/s]: of a pair the one above the real axis, of two real ones the larger.
-    values: np.ndarray
+    roots: np.ndarray
     #: Natural angular frequencies (n,) [rad/s]; of real roots that grow -lambda.
     frequencies: np.ndarray
     #: Damping ratios (n,): above 1 for overdamped modes, nan for real roots that grow.
@@ -111,14 +111,14 @@ class Damped(NamedTuple):
     #: Vectors (size, n) of modal mass 1.
     vectors: np.ndarray
 
-    def only(self, chosen: np.ndarray) -> Damped:
+    def only(self, chosen: np.ndarray | slice) -> ModeParts:
         """The modes of some numbers, or of a mask."""
-        return Damped(*(part[..., chosen] for part in self))
+        return ModeParts(*(part[..., chosen] for part in self))
 
 
 def _not_rigid(
     pencil: DampedPencil, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: float
-) -> Damped:
+) -> ModeParts:
     """The n lowest damped modes, from undamped ones (size, m), beside rigid ones (size, k).
 
     `unit` [rad/s] has the size of the lowest angular frequency, but is no root. A Rayleigh-Ritz
@@ -142,12 +142,12 @@ def _not_rigid(
         damped = damped._replace(vectors=V @ damped.vectors)
         moved = (abs(MZ.T @ damped.vectors) ** 2).sum(axis=0) > 0.5
         damped = damped.only(np.flatnonzero(~moved)[:n])
-        close = _CLOSE * abs(damped.values) + _rounding(K, C, damped)
-        changes = abs(damped.values[:, None] - values).min(axis=1, initial=np.inf)
+        close = _CLOSE * abs(damped.roots) + _rounding(K, C, damped)
+        changes = abs(damped.roots[:, None] - values).min(axis=1, initial=np.inf)
         new = np.flatnonzero(changes > close)
         if whole or not len(new):
             return damped
-        values = damped.values
+        values = damped.roots
         nearer = (_nearer(pencil, values[k], damped.vectors[:, k]) for k in new)
         V = _independent([V, *nearer], scale, apart)
     raise RuntimeError(
@@ -156,12 +156,12 @@ def _not_rigid(
     )
 
 
-def _rounding(K, C, damped: Damped) -> np.ndarray:
+def _rounding(K, C, damped: ModeParts) -> np.ndarray:
     """Rounding errors (n,) of the roots."""
-    sizes, root = abs(damped.vectors), abs(damped.values)
+    sizes, root = abs(damped.vectors), abs(damped.roots)
     work = (sizes * (abs(K) @ sizes + root * (abs(C) @ sizes))).sum(axis=0)
     # The derivative of lambda^2 + lambda c + k at its root; bounded near critical damping.
-    slope = np.maximum(2 * abs(damped.values.imag), 1e-3 * root)
+    slope = np.maximum(2 * abs(damped.roots.imag), 1e-3 * root)
     return 100 * np.finfo(float).eps * work / slope
 
 
@@ -205,7 +205,7 @@ def _nearer(pencil: DampedPencil, root: complex, x: np.ndarray) -> np.ndarray:
     return np.column_stack([x.real, x.imag]) / abs(x).max()
 
 
-def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> Damped:
+def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> ModeParts:
     """All modes of small dense matrices, lowest first, without motions that only decay.
 
     There are so many `zeros`, simple roots at zero, and at most so many unknowns `relaxing`, with
@@ -248,8 +248,8 @@ def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> Damped:
     still = ~real & (abs(ratio) < 1e-12)  # rounding must not look like growth
     ratio, root = np.where(still, 0.0, ratio), np.where(still, 1j * root.imag, root)
     natural, ratio = np.where(grows, -root.real, natural), np.where(grows, np.nan, ratio)
-    order = np.argsort(natural)
-    return Damped(unit * root, unit * natural, ratio, unit * (basis @ x) / np.sqrt(m)).only(order)
+    vectors = unit * (basis @ x) / np.sqrt(m)
+    return ModeParts(unit * root, unit * natural, ratio, vectors).only(np.argsort(natural))
 
 
 def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:
@@ -367,7 +367,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     require(is_whole(n, 1), "modes: n", n, "a whole number from 1 on")
     require(is_flag(damping), "modes: damping", damping, "True or False")
     about = linearised(scene, state, "modes")
-    omega, rigid, ratios, roots, vectors = lowest_modes(about, about.damping("modes", damping), n)
+    lowest, rigid = lowest_modes(about, about.damping("modes", damping), n)
+    roots, omega, ratios, vectors = lowest
     shapes = about.at_nodes(vectors)
     if about.stiffness.is_plain:
         lost = _bends(about, shapes[:, rigid])
@@ -402,8 +403,10 @@ def _bends(about: Linearisation, shapes: np.ndarray) -> bool:
     return bool(np.max(bends, initial=0.0) > _BENT)
 
 
-def lowest_modes(about: Linearisation, C: ConstrainedMatrix | None, n: int):
-    """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes.
+def lowest_modes(
+    about: Linearisation, C: ConstrainedMatrix | None, n: int
+) -> tuple[ModeParts, np.ndarray]:
+    """The n lowest modes, and which of them are rigid.
 
     C is the derivative of the forces by the rates; None for none.
     """
@@ -414,7 +417,8 @@ def lowest_modes(about: Linearisation, C: ConstrainedMatrix | None, n: int):
         return _following(about, C, n)
     if C is None:
         omega, rigid, vectors = undamped.lowest(n)
-        return omega, rigid, np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega), vectors
+        roots = np.where(omega < 0, -omega, 1j * omega)
+        return ModeParts(roots, omega, np.zeros(len(omega)), vectors), rigid
     # All rigid and unstable modes, some that are neither, and more in which damping may show:
     # Coriolis forces may carry what is unstable without them.
     count = 2 * n + 10
@@ -432,7 +436,9 @@ def lowest_modes(about: Linearisation, C: ConstrainedMatrix | None, n: int):
     return _in_order(damped, pencil.M, still, n)
 
 
-def _following(about: Linearisation, C: ConstrainedMatrix | None, n: int):
+def _following(
+    about: Linearisation, C: ConstrainedMatrix | None, n: int
+) -> tuple[ModeParts, np.ndarray]:
     """The n lowest modes under forces without a potential: two modes may flutter."""
     K, none = about.stiffness, np.empty((len(about.unknowns), 0))
     undamped = K.without_equations.with_data(0 * K.without_equations.system.data)
@@ -449,25 +455,26 @@ def _following(about: Linearisation, C: ConstrainedMatrix | None, n: int):
     unit = 0.7 * abs(omega[omega != 0]).min()
     damped = _not_rigid(pencil, n, start, none, unit)
     if C is None:  # what neither grows nor decays but for round-off
-        ratios, roots = damped.ratios, damped.values
+        ratios, roots = damped.ratios, damped.roots
         noise = _rounding(pencil.K, pencil.C, damped) / abs(roots)
         still = (roots.imag != 0) & (abs(ratios) <= noise)
         roots = np.where(still, 1j * damped.frequencies, roots)
-        damped = damped._replace(ratios=np.where(still, 0.0, ratios), values=roots)
+        damped = damped._replace(ratios=np.where(still, 0.0, ratios), roots=roots)
     return _in_order(damped, pencil.M, none, n)
 
 
-def _in_order(damped: Damped, M: Weighted, rigid: np.ndarray, n: int):
+def _in_order(
+    damped: ModeParts, M: Weighted, rigid: np.ndarray, n: int
+) -> tuple[ModeParts, np.ndarray]:
     """The n lowest of damped modes and of rigid ones (size, k), as of `lowest_modes`."""
     # The phase in which the imaginary part of a vector is smallest.
     vectors = damped.vectors
     phases = np.angle(np.einsum("ij,ij->j", vectors, M @ vectors))
     zeros = np.zeros(rigid.shape[1])
-    parts = damped.frequencies, damped.ratios, damped.values
-    omega, ratios, roots = (np.concatenate([zeros, part]) for part in parts)
+    roots, omega, ratios = (np.concatenate([zeros, part]) for part in damped[:3])
+    vectors = np.column_stack([rigid, vectors * np.exp(-0.5j * phases)])
     order = np.argsort(omega, kind="stable")[:n]
-    vectors = np.column_stack([rigid, vectors * np.exp(-0.5j * phases)])[:, order]
-    return omega[order], order < len(zeros), ratios[order], roots[order], vectors
+    return ModeParts(roots, omega, ratios, vectors).only(order), order < len(zeros)
 
 
 def _check_held(K: ConstrainedMatrix, scale: np.ndarray) -> None:
