@@ -155,7 +155,7 @@ def why_not(path: LoadPath) -> str:
         return "a frame that turns (spin) has none"
     if not path.from_rest and model.kinks.flows:
         return "parts with internal variables that start from another solution have none"
-    if path.mechanism and model.kinks.flows:
+    if model.mechanism and model.kinks.flows:
         return (
             "a mechanism that its loads hold, with internal variables, has none: these depend on "
             "how it settles"

@@ -90,14 +90,18 @@ class Corrector:
     The predictor is a length along a tangent.
     """
 
-    def __init__(self, path: PathEquations, start: State, normal: Tangent, distance: float):
-        self._path, self._start, self._normal, self._distance = path, start, normal, distance
-        self._failures = path.loop.failures
+    def __init__(self, path: PathEquations):
+        self._path, self._failures = path, path.loop.failures
 
-    def corrected(self, tangent: Tangent, length: float) -> tuple[StepSolution, float]:
+    def corrected(
+        self, start: State, tangent: Tangent, length: float, normal: Tangent, distance: float
+    ) -> tuple[StepSolution, float]:
         """The step, and its load factor l; StepFailed if Newton's method does not converge."""
+        self._normal, self._distance = normal, distance
         for _ in range(SEARCHES):
-            self._predict(tangent, length)
+            self._path.set_start(start)
+            self._y, self._load = length * tangent.y, length * tangent.load
+            self._D, self._sizes = length * tangent.D, list[float]()
             try:
                 return self._solve(length * tangent.D), self._load
             except StepFailed as failure:
@@ -105,11 +109,6 @@ class Corrector:
                 if failure.kind != "members":  # those near to points are found in a search
                     raise
         raise last
-
-    def _predict(self, tangent: Tangent, length: float) -> None:
-        self._path.set_start(self._start)
-        self._y, self._load = length * tangent.y, length * tangent.load
-        self._D, self._sizes = length * tangent.D, list[float]()
 
     def _solve(self, predicted: np.ndarray) -> StepSolution:
         """The step from a predictor (size,)."""
@@ -204,6 +203,8 @@ class ArcLength:
     def __init__(self, stepper: LoadStepper):
         self.stepper, self.model, self._path = stepper, stepper.model, stepper.path
         self._failures = stepper.loop.failures
+        # Gives the increments to where the path meets <normal, increment> = distance.
+        self._correct = Corrector(self._path).corrected
         #: 1 where the load factor rises along the path, else -1.
         self.rising = 1.0
         #: Load factor at which a path ends.
@@ -350,15 +351,6 @@ class ArcLength:
         new.work += (1 - (state.t + t1) / 2) * float(self._path.held @ step.y)
         self.stepper.motions.note(new, self._path.bordered)
         return new
-
-    def _correct(
-        self, state: State, tangent: Tangent, length: float, normal: Tangent, distance: float
-    ) -> tuple[StepSolution, float]:
-        """Increments to where the path meets <normal, increment> = distance.
-
-        The predictor is a length along the tangent. StepFailed if it does not converge.
-        """
-        return Corrector(self._path, state, normal, distance).corrected(tangent, length)
 
     def at_start(self, state: State, tangent: Tangent, ds: float = 0.0) -> Tangent:
         """The tangent at the start of a step, or a length ds from it along another one."""

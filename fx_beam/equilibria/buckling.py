@@ -100,10 +100,6 @@ def buckling(
     path = LoadPath(scene, StaticOptions(what="buckling", t=t), state)
     if state is not None:
         _check_state(state, path.model)
-    return _modes(path, n)
-
-
-def _modes(path: LoadPath, n: int) -> BucklingModes:
     first = path.unloaded_state()
     path.forcing.keep_start()
     path.stepper.path.held[:] = 0.0  # forces that hold the state do not fade

@@ -279,51 +279,13 @@ class PathStates:
         return replace(state, t=0.0, v=rest, a=rest.copy(), parts=None, past=None, inputs=None)
 
 
-# -- Steps of a path of equilibria --------------------------------------------------------------
-
-
-# The scheme of all equilibria.
-_AT_REST = Equilibrium()
-
-
-class PathSteps:
-    """Steps of a path of a scene whose inputs are set, and the model that takes them."""
-
-    def __init__(self, scene: Scene, options: StaticOptions):
-        self.options = options
-        self.model = model = model_for(scene, _AT_REST, settles=True)
-        self.stats = stats_of(model, solver="sparse lu", static=True)
-        if options.continuation is not None and len(model.points.normal_forces):
-            raise SceneError(
-                "static: arc-length steps do not find the force of a joint that its friction "
-                "follows. Use load steps (without continuation), or fx_beam.SmoothFriction"
-            )
-        turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
-        self.forcing = LoadForcing(model, options.t, turning)
-        #: What takes the steps.
-        self.stepper = LoadStepper(self.forcing, self.options, self.stats)
-        self.crossings = Crossings(self.stepper)
-        self.stepper.check = self.crossings.check_stability
-        self.stepper.check_turn = self.crossings.check_turn
-
-    @property
-    def mechanism(self) -> str:
-        """Why the scene without loads is a mechanism; empty if it is none."""
-        return self.model.mechanism
-
-    @property
-    def held(self) -> np.ndarray:
-        """Forces (free,) that hold the start, and fade as the loads rise."""
-        return self.stepper.path.held
-
-
 # -- Equilibria of a scene under rising loads: the path with its states, and its solution -------
 
 
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
 
 
-class LoadPath(PathSteps):
+class LoadPath:
     """The equilibria of a scene, from rest, or from a start whose loads go over to its own.
 
     `began` is when it was begun, by `time.perf_counter` [s].
@@ -344,13 +306,33 @@ class LoadPath(PathSteps):
         self._loads_on_nodes = _loads_on_nodes(scene, start, options.t)
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began = time.perf_counter()
-        super().__init__(present(connected), options)
+        self.options = options
+        #: The model that takes the steps of the scene with its inputs.
+        self.model = model = model_for(present(connected), Equilibrium(), settles=True)
+        self.stats = stats_of(model, solver="sparse lu", static=True)
+        if options.continuation is not None and len(model.points.normal_forces):
+            raise SceneError(
+                "static: arc-length steps do not find the force of a joint that its friction "
+                "follows. Use load steps (without continuation), or fx_beam.SmoothFriction"
+            )
+        turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
+        self.forcing = LoadForcing(model, options.t, turning)
+        #: What takes the steps.
+        self.stepper = LoadStepper(self.forcing, options, self.stats)
+        self.crossings = Crossings(self.stepper)
+        self.stepper.check = self.crossings.check_stability
+        self.stepper.check_turn = self.crossings.check_turn
         #: Whether it warns if its last row is unstable.
         self.warns = True
         #: The states so far.
         self.states: list[State] = []
         watch.check_unchanged("static")  # it calls all functions of time
         self.stats.setup_seconds = time.perf_counter() - self.began
+
+    @property
+    def held(self) -> np.ndarray:
+        """Forces (free,) that hold the start, and fade as the loads rise."""
+        return self.stepper.path.held
 
     def whole_path(self) -> Solution:
         """The whole path. An exception has the solution of the steps before it."""
@@ -502,10 +484,10 @@ def _warn_if_unstable(motions: SmallMotions, states: list[State]) -> None:
 def unloaded(scene: Scene, caller: str) -> Solution | None:
     """The equilibrium of a scene without loads, in a solution of one row; None of a mechanism."""
     path = LoadPath(scene, StaticOptions(what=caller), None)
-    if path.mechanism:
+    if path.model.mechanism:
         return None
     solution = path.unloaded()
-    return None if path.mechanism else solution  # laws of springs may leave a part free
+    return None if path.model.mechanism else solution  # laws of springs may leave a part free
 
 
 def path_of(solution: object, scene: Scene) -> LoadPath | None:
