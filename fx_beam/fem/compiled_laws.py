@@ -354,7 +354,9 @@ class LineLaw:
         count, first = len(self._moves) - 1, last - self.law.numbers
         start, D, rates = (self._vectors(inputs[:, i * n : (i + 1) * n]) for i in range(3))
         start += inputs[:, first : first + 2 * count].reshape(-1, count, 2)
-        sizes, units = zip(*map(_sized, (start, start + D)), strict=True)
+        vectors = np.stack([start, start + D])
+        sizes = np.sqrt(np.sum(vectors * vectors, axis=3) + TINY)
+        units = vectors / sizes[..., None]
         rate = np.sum(units[0] * rates, axis=2)
         rate_slopes = (rates - units[0] * rate[..., None]) / sizes[0][..., None]
         lengths = [sizes[0], sizes[1] - sizes[0], rate]
@@ -372,12 +374,6 @@ class LineLaw:
         none = np.zeros_like(piece_slopes[:, :1])
         slopes = -np.diff(np.concatenate([none, piece_slopes, none], axis=1), axis=1)
         return slopes[:, self._moves >= 0].reshape(len(piece_slopes), -1)
-
-
-def _sized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths (k, pieces) of vectors (k, pieces, 2), and unit vectors."""
-    sizes = np.sqrt(np.sum(vectors * vectors, axis=2) + TINY)
-    return sizes, vectors / sizes[..., None]
 
 
 def laws_of_forces(laws: Sequence[PointLaw], rule: StepRule) -> list[CompiledLaw | LineLaw]:

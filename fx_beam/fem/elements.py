@@ -32,24 +32,6 @@ def lagrange(degree: int, size: int | None = None, *, broken: bool = False):
     return _basix().element(family, "interval", degree, lagrange_variant=variant, shape=shape)
 
 
-def _beam(degree: int, nodal: bool):
-    rotation = lagrange(0, degree + 1, broken=True) if nodal else lagrange(degree)
-    fields = [lagrange(degree, 2), rotation]
-    return ufl.MixedElement(fields) if _of_ufl() else _basix().mixed_element(fields)
-
-
-def _values_at_points(points: int, *shape: int):
-    if points == 1:
-        return lagrange(0, *shape, broken=True)
-    degree = 2 * points - 1
-    if not _of_ufl():
-        return _basix().quadrature_element("interval", shape, degree=degree)
-    kind, cell = "Quadrature", ufl.Cell("interval", geometric_dimension=2)
-    if shape:
-        return ufl.VectorElement(kind, cell, degree, *shape, quad_scheme="default")
-    return ufl.FiniteElement(kind, cell, degree, quad_scheme="default")
-
-
 def domain(degree: int):
     """UFL's mesh of intervals in the plane, for forms that are compiled without a mesh."""
     return ufl.Mesh(lagrange(degree, 2))
@@ -81,15 +63,20 @@ class Symbols:
         With `nodal` rotations, those at the nodes of a cell are components, constant on it: the
         degrees of freedom are the same, but UFL has the nodal values at every point of the cell.
         """
-        return self.space(_beam(degree, nodal))
-
-    def coordinate_space(self) -> Any:
-        """Functions that are linear on each cell, and discontinuous."""
-        return self.space(lagrange(1, broken=True))
+        rotation = lagrange(0, degree + 1, broken=True) if nodal else lagrange(degree)
+        fields = [lagrange(degree, 2), rotation]
+        return self.space(ufl.MixedElement(fields) if _of_ufl() else _basix().mixed_element(fields))
 
     def gauss_space(self, points: int, *shape: int) -> Any:
         """Values at the points of a Gauss rule; a single one is constant on each cell."""
-        return self.space(_values_at_points(points, *shape))
+        if points == 1:
+            return self.space(lagrange(0, *shape, broken=True))
+        degree = 2 * points - 1
+        if not _of_ufl():
+            return self.space(_basix().quadrature_element("interval", shape, degree=degree))
+        make = ufl.VectorElement if shape else ufl.FiniteElement
+        cell = ufl.Cell("interval", geometric_dimension=2)
+        return self.space(make("Quadrature", cell, degree, *shape, quad_scheme="default"))
 
     def measure(self, points: int) -> Any:
         """Measure `dx` with the `gauss_rule` of so many points."""

@@ -136,29 +136,20 @@ def form_data(
 
     By the `mobility`, 1 / mass of degrees of freedom, then slides, friction has critical damping.
     """
-    forces, pairs = at_points(scene, mesh, X, mobility, rates.at_rest)
-    data, followers = data_of_beams(scene, mesh, rates.at_rest), Followers(scene, rates.level)
-    return FormData(ParameterFunctions(scene), data, forces, followers, pairs)
-
-
-def at_points(
-    scene: Scene, mesh: Mesh, X: MaybeDual, mobility: np.ndarray | None, at_rest: bool
-) -> tuple[list[PointForce], list[MemberPair]]:
-    """Forces at points, and contact with members."""
     forces, pairs = list[PointForce](), list["MemberPair"]()
     parts = scene.joints, scene.forces_between, scene.loads, scene.contacts, scene.drags
-    if not (any(parts) or scene.dampings):
-        return forces, pairs
-    from .scene_forces import SceneForces
+    if any(parts) or scene.dampings:
+        from .scene_forces import SceneForces
 
-    if mobility is None:
-        mobility = np.zeros(mesh.dofs.size + scene.joint_count)
-    forces = SceneForces(scene, mesh, X, mobility, at_rest).all()
-    if any(isinstance(obstacle.shape, Beam) for obstacle in scene.contacts):
-        from .member_contacts import member_pairs
+        if mobility is None:
+            mobility = np.zeros(mesh.dofs.size + scene.joint_count)
+        forces = SceneForces(scene, mesh, X, mobility, rates.at_rest).all()
+        if any(isinstance(obstacle.shape, Beam) for obstacle in scene.contacts):
+            from .member_contacts import member_pairs
 
-        pairs = member_pairs(scene, mesh, floats(X), mobility, at_rest)
-    return forces, pairs
+            pairs = member_pairs(scene, mesh, floats(X), mobility, rates.at_rest)
+    data, followers = data_of_beams(scene, mesh, rates.at_rest), Followers(scene, rates.level)
+    return FormData(ParameterFunctions(scene), data, forces, followers, pairs)
 
 
 # -- All forces of a scene in a step: those of its beams, and those at points -------------------

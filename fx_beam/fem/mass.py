@@ -125,7 +125,9 @@ class MassMatrix:
         return last[2]
 
     def _numbers_of(self, scene: Scene, X: MaybeDual) -> dict[str, MaybeDual]:
-        masses = self._masses(scene, X)
+        masses = dual_array([(m, m, inertia) for _, m, inertia in scene.masses]).reshape(-1)
+        if scene.beams:
+            masses = np.concatenate([masses, self.at_points(scene, X).reshape(-1)])
         places, gravity = self.places, scene.gravity
         mass = linear(places.entries, masses, places.mass_slopes)
         if gravity is None:
@@ -169,22 +171,13 @@ class MassMatrix:
             if any_of(floats(scene.gravity)) and not any_of(self.weight):
                 warn_once("gravity acts on no mass. Give sections rho or rhoA, or add masses")
 
-    def _masses(self, scene: Scene, X: MaybeDual) -> MaybeDual:
-        masses = dual_array([(m, m, inertia) for _, m, inertia in scene.masses]).reshape(-1)
-        if not scene.beams:
-            return masses
-        return np.concatenate([masses, self._of_beams(scene, X)])
-
-    def _of_beams(self, scene: Scene | LoadedBeams, X: MaybeDual) -> MaybeDual:
+    def at_points(self, scene: Scene | LoadedBeams, X: MaybeDual) -> MaybeDual:
+        """Masses (cells, n) of elements, those of translations and rotations at Gauss points."""
         degree = scene.beams[0].degree
         tangents = element_rule(degree, degree + 1)[2] @ X[self._mesh.elements]
         lengths = np.hypot(tangents[..., 0], tangents[..., 1])
         density = section_data(self._mesh, scene, ("rhoA", "rhoI"), degree + 1)
-        return (lengths[..., None] * density).reshape(-1)
-
-    def at_points(self, scene: LoadedBeams, X: MaybeDual) -> MaybeDual:
-        """Masses (cells, n) of elements, those of translations and rotations at Gauss points."""
-        return self._of_beams(scene, X).reshape(len(self._mesh.elements), -1)
+        return (lengths[..., None] * density).reshape(len(self._mesh.elements), -1)
 
 
 def _unit_masses(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -81,50 +81,40 @@ def member_pairs(
     """
     pairs, first = list[MemberPair](), 0
     for contact in scene.contacts:
-        if isinstance(contact.shape, Beam):
-            pairs += _both_directions(contact, scene, mesh, X, mobility, first, at_rest)
-            first += len(contact.points.lengths)
-    return pairs
-
-
-def _both_directions(
-    contact: Contact,
-    scene: Scene,
-    mesh: Mesh,
-    X: np.ndarray,
-    mobility: np.ndarray,
-    first: int,
-    at_rest: bool,
-) -> list[MemberPair]:
-    a, b, radii = contact.target, contact.shape, contact.radius
-    assert isinstance(b, Beam) and isinstance(radii, tuple)
-    nodes_a, nodes_b = mesh.nodes_of(scene, a), mesh.nodes_of(scene, b)
-    slots_a = first + np.arange(len(nodes_a))
-    slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
-    loss_numbers, friction = numbers_of_loss(contact, at_rest), contact.friction
-    kinds = (
-        (MEMBER, FOLLOWED) if friction is None else (MEMBER_WITH_FRICTION, FOLLOWED_WITH_FRICTION)
-    )
-    law, followed = (laws.contact(kind, bool(loss_numbers), contact.energy) for kind in kinds)
-    sides = (a, nodes_a, slots_a, contact.points), (b, nodes_b, slots_b, points_of(b))
-    twice, share = isinstance(a, Beam) and a is not b, 0.5 if isinstance(a, Beam) else 1.0
-    pairs: list[MemberPair] = []
-    for (_, points, point_slots, p), (member, nodes, slots, _) in (sides, sides[::-1])[: 1 + twice]:
-        lengths = share * p.lengths
-        columns: list[float | np.ndarray] = [contact.radii, contact.stiffness * lengths]
-        columns += loss_numbers
+        a, b, radii = contact.target, contact.shape, contact.radius
+        if not isinstance(b, Beam):
+            continue
+        assert isinstance(radii, tuple)
+        nodes_a, nodes_b = mesh.nodes_of(scene, a), mesh.nodes_of(scene, b)
+        slots_a = first + np.arange(len(nodes_a))
+        slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
+        loss_numbers, friction = numbers_of_loss(contact, at_rest), contact.friction
+        kinds = (MEMBER, FOLLOWED)
         if friction is not None:
-            columns.insert(1, radii[len(pairs)] / contact.radii)
-            most_mobile = mobility[mesh.dofs[points, :2]].max(axis=1)
-            columns += friction_numbers(friction, lengths, most_mobile)
-        numbers = np.column_stack([column + np.zeros(len(lengths)) for column in columns])
-        turn = len(nodes) - 1 if isinstance(member, Beam) and _is_closed(scene, member) else 0
-        if turn:
-            ring = np.arange(-_AROUND, turn + _AROUND) % turn
-            nodes, slots = nodes[ring], slots[ring]
-        arrays = points, point_slots, nodes, slots, numbers, arc_of(X[nodes])
-        apart = contact.apart if a is b else 0.0
-        pairs.append(MemberPair(law, followed, *arrays, apart, None if pairs else contact, turn))
+            kinds = (MEMBER_WITH_FRICTION, FOLLOWED_WITH_FRICTION)
+        law, followed = (laws.contact(kind, bool(loss_numbers), contact.energy) for kind in kinds)
+        sides = (a, nodes_a, slots_a, contact.points), (b, nodes_b, slots_b, points_of(b))
+        twice, share = isinstance(a, Beam) and a is not b, 0.5 if isinstance(a, Beam) else 1.0
+        both = list[MemberPair]()
+        directions = (sides, sides[::-1])[: 1 + twice]
+        for (_, points, point_slots, p), (member, nodes, slots, _) in directions:
+            lengths = share * p.lengths
+            columns: list[float | np.ndarray] = [contact.radii, contact.stiffness * lengths]
+            columns += loss_numbers
+            if friction is not None:
+                columns.insert(1, radii[len(both)] / contact.radii)
+                most_mobile = mobility[mesh.dofs[points, :2]].max(axis=1)
+                columns += friction_numbers(friction, lengths, most_mobile)
+            numbers = np.column_stack([column + np.zeros(len(lengths)) for column in columns])
+            turn = len(nodes) - 1 if isinstance(member, Beam) and _is_closed(scene, member) else 0
+            if turn:
+                ring = np.arange(-_AROUND, turn + _AROUND) % turn
+                nodes, slots = nodes[ring], slots[ring]
+            arrays = points, point_slots, nodes, slots, numbers, arc_of(X[nodes])
+            apart = contact.apart if a is b else 0.0
+            both.append(MemberPair(law, followed, *arrays, apart, None if both else contact, turn))
+        pairs += both
+        first += len(contact.points.lengths)
     return pairs
 
 

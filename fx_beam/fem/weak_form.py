@@ -66,7 +66,7 @@ class Fields:
         #: Coordinate on each cell, from 0 to the degree, of nodal rotations.
         self.coordinate: Expr = None
         if nodal:
-            self.coordinate = symbols.coefficient(symbols.coordinate_space())
+            self.coordinate = symbols.coefficient(symbols.space(elements.lagrange(1, broken=True)))
         unknowns = symbols.beam_space(degree, nodal)
         #: Increments of displacements and rotations.
         self.increment = symbols.coefficient(unknowns)
