@@ -6,13 +6,14 @@ import base64
 import importlib.util
 import io
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
+from numpy.typing import ArrayLike
 from PIL import Image
 
 from fx_beam.errors import check_takes, is_whole, require
@@ -103,7 +104,7 @@ def animate(
     magnify: float = 1.0,
     marks: dict[str, Node] | None = None,
     scenery: Callable[[Axes, int], list] | None = None,
-    colour: str | None = None,
+    colour: str | Mapping[str, ArrayLike] | None = None,
     colour_limits: tuple[float, float] | None = None,
     colour_scale: str = "linear",
     thickness: float | None = None,
@@ -139,8 +140,9 @@ def animate(
     scenery : callable, optional
         ``scenery(axes, k)`` draws additional objects in row k, such as a user-defined force. What
         it adds to the axes is removed after the frame, and so is a list of artists that it returns.
-    colour : {"N", "Q", "M", "stress", "strain energy", "speed"} or internal variable, optional
-        Quantity that the colours show, as in `shapes`; by default each member has its own colour.
+    colour : str or dict, optional
+        Quantity, internal variable or values of your own that the colours show, as in `shapes`; by
+        default each member has its own colour.
     colour_limits, colour_scale, thickness : optional
         Ends and kind of the colour scale, and factor on the depth of members, as in `shapes`.
     size : (int, int), optional

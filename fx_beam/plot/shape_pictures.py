@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Area
+from numpy.typing import ArrayLike
 
 from fx_beam.errors import is_flag, is_one_of, is_whole, require
 from fx_beam.results.member_fields import RESULTANTS, along_all, in_rows
@@ -50,6 +51,7 @@ from .look import ROPE, Look, Pen, Theme, left_of, mixed, theme_of
 
 
 _MANY = 1000  # members above which their tubes have six sides
+_JUMP = 1e-3  # part of a piece over which colours change to those of the next one
 
 
 _ROWS = 8  # that are superposed if none are named
@@ -65,7 +67,7 @@ def shapes(
     scene_unit: str = "m",
     magnify: float = 1.0,
     marks: dict[str, Node] | None = None,
-    colour: str | None = None,
+    colour: str | Mapping[str, ArrayLike] | None = None,
     colour_limits: tuple[float, float] | None = None,
     colour_scale: str = "linear",
     thickness: float | None = None,
@@ -98,13 +100,16 @@ def shapes(
         Factor on displacements; it is written over the picture if it is not 1.
     marks : dict, optional
         Nodes by the names that are written beside them in the last shape; their paths are dashed.
-    colour : str, optional
+    colour : str or dict, optional
         "time": all shapes are alike, and their colours show the time, or the order of load
         steps.
         "N", "Q", "M", "stress", "strain energy", "speed", or the name of an internal variable:
         axial force, shear force or bending moment, as in `Solution.resultants`, the larger normal
         stress of both edges, as `BeamStress.largest`, stored energy per length, or speed. Its unit
         is given if the unit of length is "m".
+        A dict: values of your own by their label, (elements, m) in the one row that is shown, or
+        (rows, elements, m) in all rows, each on one of m equal parts of an element. So are fields
+        of `fenicsx.Problem.at_points`. As with "time" members are tubes, drawn by VTK.
     colour_limits : (float, float), optional
         Values at the ends of the colour scale; by default those that occur. On a log scale the
         smallest and the largest size.
@@ -145,25 +150,23 @@ def shapes(
     shades: Any = [None] * len(shown)
     if quantity is not None:
         plane.draw_bar(members.scale, **members.bar)
+        shades = [members.scale.to_rgba(members.values[k]) for k in shown]
     elif by_time:
         shades = [symbols.SEQUENTIAL(0.0)] if len(shown) == 1 else _colours_of_times(plane, drawing)
-    if by_time and thickness is None:
-        # With a parallel projection matplotlib's axes fit the picture exactly.
-        limits = ax.get_xlim(), ax.get_ylim()
-        ax.imshow(_tubes(limits, drawing, shades, colours), extent=np.ravel(limits), zorder=0.5)
+    has_tubes = thickness is None and (by_time or isinstance(colour, Mapping))
+    if has_tubes:
+        _draw_tubes(pen, drawing, members.pieces, shades)
     for order, (k, shade) in enumerate(zip(shown, shades, strict=True)):
         is_last = order == len(shown) - 1
         share = _PALEST - (_PALEST - _DARKEST) * order / max(1, len(shown) - 2)
         own = pen if is_last else Pen(ax, colours, drawing.thinness, share)
-        if quantity is not None or (thickness is not None and by_time):
-            look = {} if quantity else {"facecolor": shade}
-            drawn = ax.add_collection(members.collection(own, 3 + 1e-4 * order, **look))
-            members.move(drawn, k)
-        elif thickness is not None:
+        if not has_tubes and (quantity is not None or thickness is not None):
             faces = [mixed(face, colours.paper, own.fade) for face in symbols.colours_of(drawing)]
-            look = {"facecolor": members.per_piece(faces), "zorder": 2 + is_last}
-            members.move(ax.add_collection(members.collection(own, **look)), k)
-        elif not by_time:
+            look = {"facecolor": members.per_piece(faces) if shade is None else shade}
+            z = 2 + is_last if shade is None else 3 + 1e-4 * order
+            drawn = members.collection(own, z, **look if quantity is None else {})
+            members.move(ax.add_collection(drawn), k)
+        elif not has_tubes:
             symbols.draw_members(own, drawing, k, ghost=not is_last)
         symbols.draw_moving(own, drawing, k, ghost=not is_last)
         symbols.draw_forces(own, drawing, k)
@@ -202,36 +205,48 @@ def _colours_of_times(plane: Plane, drawing: Drawing) -> np.ndarray:
     return shades
 
 
-def _tubes(limits, drawing: Drawing, shades: np.ndarray, theme: Theme) -> np.ndarray:
-    """Picture of the members in all rows, seen along z; later ones cover earlier ones."""
+def _draw_tubes(pen: Pen, drawing: Drawing, pieces: int, shades: Any) -> None:
+    """Draw members in all rows as tubes, seen along z, with a colour for each piece of each row.
+
+    Later rows cover earlier ones. Where a tube faces the eye it has the colour itself.
+    """
     import pyvista as pv  # which takes longer than a picture
 
+    ax, beams = pen.ax, drawing.solution.beams
+    limits = ax.get_xlim(), ax.get_ylim()
     low, high = np.transpose(limits)
     size, centre = high - low, (low + high) / 2
     window = [int(pixels) for pixels in 1600 * size / max(size)]
     check_renderer()
-    plotter: Any = pv.Plotter(off_screen=True, window_size=window)
-    plotter.set_background(theme.paper)
-    radius = 0.0025 * max(size) * drawing.thinness
-    beams = drawing.solution.beams
-    for order, (k, shade) in enumerate(zip(drawing.rows, shades, strict=True) if beams else ()):
+    plotter: Any = pv.Plotter(off_screen=True, window_size=window, lighting="none")
+    plotter.add_light(pv.Light(light_type="headlight"))
+    plotter.set_background(pen.theme.paper)
+    counts = [2 * pieces * beam.elements for beam in beams.values()]
+    radii = np.repeat(symbols.widths_of(pen, drawing) * pen.point / 2, counts)
+    ends = np.cumsum([0, *counts]).tolist()
+    lines = [[b - a, *range(a, b)] for a, b in itertools.pairwise(ends)]
+    for order, (k, colours) in enumerate(zip(drawing.rows, shades, strict=True) if beams else ()):
+        along = drawing.along_elements(k, pieces)
+        first, last = along[:, :-1], along[:, 1:]
+        # A point at each end of a piece, between which a colour may jump.
+        points = np.stack([first, last], axis=2) + _JUMP * np.stack([last - first, first - last], 2)
         # Later shapes lie a little nearer to the eye, so that they cover earlier ones.
-        axes = [drawing.axis(name, k) for name in beams]
-        points = np.insert(np.concatenate(axes), 2, order * radius, axis=1)
-        starts = np.cumsum([0, *map(len, axes)]).tolist()
-        lines = [[b - a, *range(a, b)] for a, b in zip(starts[:-1], starts[1:], strict=True)]
-        tubes = pv.PolyData(points, lines=np.concatenate(lines)).tube(
-            radius=radius, n_sides=20 if len(axes) <= _MANY else 6
-        )
-        plotter.add_mesh(tubes, color=shade[:3], ambient=0.3, smooth_shading=True)
+        points = np.insert(points.reshape(-1, 2), 2, order * radii.max(), axis=1)
+        tubes: Any = pv.PolyData(points, lines=np.concatenate(lines))
+        faces = np.broadcast_to(np.asarray(colours)[..., :3], (len(points) // 2, 3))
+        tubes["radius"], tubes["colour"] = radii, np.repeat(faces, 2, axis=0)
+        sides = 20 if len(beams) <= _MANY else 6
+        tubes = tubes.tube(scalars="radius", absolute=True, n_sides=sides)
+        look: Look = {"ambient": 0.3, "diffuse": 0.7, "smooth_shading": True}
+        plotter.add_mesh(tubes, scalars="colour", rgb=True, **look)
     plotter.camera_position = (*centre, 10 * max(size)), (*centre, 0.0), (0.0, 1.0, 0.0)
     plotter.enable_parallel_projection()
     plotter.camera.parallel_scale = size[1] / 2
     plotter.reset_camera_clipping_range()
     plotter.enable_anti_aliasing("ssaa")
-    picture = plotter.screenshot(return_img=True)
+    # With a parallel projection matplotlib's axes fit the picture exactly.
+    ax.imshow(plotter.screenshot(return_img=True), extent=np.ravel(limits), zorder=0.5)
     plotter.close()
-    return picture
 
 
 _SIZE = 0.15  # largest displacement, as a fraction of the scene's size
@@ -676,7 +691,8 @@ class _Panel:
         """Indices of the values of a member to write, the largest first."""
         (beam,), (values,) = curve.beams, curve.values
         if np.ptp(values) < _ALIKE * largest:
-            picks = {len(values) // 2}
+            middle, peak = len(values) // 2, int(abs(values).argmax())
+            picks = {middle if abs(values[peak] - values[middle]) < _SAME * largest else peak}
         else:
             supports = self._drawing.once(symbols.supports_of, self._drawing.parts(self._row))
             inner = [s for s, n in zip(beam.s, beam.nodes, strict=True) if n.number in supports]

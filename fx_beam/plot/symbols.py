@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -12,8 +12,9 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, SymLogNorm, to_hex
+from numpy.typing import ArrayLike
 
-from fx_beam.errors import as_float, is_one_of, positive, real_array, require
+from fx_beam.errors import as_float, is_name, is_one_of, positive, real_array, require
 from fx_beam.results.member_fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.scene.beam import Beam, Node, arc_lengths
 from fx_beam.scene.contacts import Contact
@@ -85,7 +86,7 @@ class DrawnMembers:
         self,
         drawing: Drawing,
         thickness: float | None = None,
-        quantity: str | None = None,
+        quantity: Any = None,
         limits: tuple[float, float] | None = None,
         scale: str = "linear",
     ):
@@ -94,13 +95,17 @@ class DrawnMembers:
         beams = drawing.solution.beams.values()
         elements = sum(beam.elements for beam in beams)
         self.pieces = max(1, min(_PIECES, _MANY // max(elements, 1)))
+        if isinstance(quantity, Mapping):
+            quantity = _own_values(drawing, quantity)
+            self.pieces = quantity[1].shape[2]
         if thickness is not None:
             positive(thickness, "thickness", "a positive factor on the depth, or None")
             fractions = np.arange(self.pieces + 1) / self.pieces
             touching = _contact_depths(drawing.solution.contacts)
             depths = [_depths(beam, fractions, touching.get(beam.name)) for beam in beams]
             self._depths = as_float(thickness) * np.concatenate(depths or [_NONE])[..., None]
-        self._values: dict[int, np.ndarray] = {}
+        #: Values (elements * pieces,) by rows.
+        self.values: dict[int, np.ndarray] = {}
         if quantity is not None:
             self._take_colours(quantity, limits, scale)
             return
@@ -108,27 +113,31 @@ class DrawnMembers:
         require(limits is None, "colour_limits", limits, expected)
         require(isinstance(scale, str) and scale == "linear", "colour_scale", scale, expected)
 
-    def _take_colours(self, quantity: str, limits: tuple[float, float] | None, scale: str) -> None:
+    def _take_colours(self, quantity: Any, limits: tuple[float, float] | None, scale: str) -> None:
         drawing, solution = self._drawing, self._drawing.solution
         if not solution.beams:
             raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
-        internal = itertools.chain(*solution.variables_of_beam.values())
-        names = [*QUANTITIES, *sorted({*internal})]
-        expected = f"one of {', '.join(map(repr, names))}, or None"
-        require(is_one_of(quantity, names), "colour", quantity, expected)
         require(is_one_of(scale, _SCALES), "colour_scale", scale, "'linear' or 'log'")
-        middles = (np.arange(self.pieces) + 0.5) / self.pieces
-        values = along_all(solution, [quantity], drawing.rows, middles)[quantity]
+        if isinstance(quantity, tuple):
+            label, values = quantity
+            signed = bool((values < 0).any())
+        else:
+            internal = itertools.chain(*solution.variables_of_beam.values())
+            names = [*QUANTITIES, *sorted({*internal})]
+            expected = f"one of {', '.join(map(repr, names))}, values by their label, or None"
+            require(is_one_of(quantity, names), "colour", quantity, expected)
+            middles = (np.arange(self.pieces) + 0.5) / self.pieces
+            values = along_all(solution, [quantity], drawing.rows, middles)[quantity]
+            label, signed = words_for(quantity, drawing.unit), is_signed(quantity)
         rows = values.reshape(len(drawing.rows), -1)
-        signed = is_signed(quantity)
         norm = _norm(values, signed, limits, scale == "log")
         low, high = bool((rows < norm.vmin).any()), bool((rows > norm.vmax).any())
         if scale == "log" and not signed:  # zero has the colour of the low end
             rows = np.maximum(rows, norm.vmin)
-        self._values = dict(zip(drawing.rows, rows, strict=True))
+        self.values = dict(zip(drawing.rows, rows, strict=True))
         self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
         ends_beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
-        self.bar: Look = {"label": words_for(quantity, drawing.unit)}
+        self.bar: Look = {"label": label}
         self.bar["extend"] = ends_beyond.get((low, high), "neither")
         if scale == "linear":
             self.bar["format"] = "%.3g"
@@ -137,7 +146,7 @@ class DrawnMembers:
         """Collection of the members, without a position: lines as thick as they are, or bands."""
         # They are inside of the axes: a layout that asks each piece would be slow.
         look = {"zorder": zorder, "in_layout": False} | look
-        if self._values:
+        if self.values:
             look |= {"norm": self.scale.norm, "cmap": self.scale.cmap}
         if self._depths is None:
             widths = self.per_piece(widths_of(pen, self._drawing))
@@ -148,12 +157,12 @@ class DrawnMembers:
     @property
     def has_colours(self) -> bool:
         """Whether the colours show a quantity."""
-        return bool(self._values)
+        return bool(self.values)
 
     def move(self, collection: LineCollection | PolyCollection, k: int) -> None:
         """Move the drawn members to their positions in row k, and colour them by its values."""
-        if self._values:
-            collection.set_array(self._values[k])
+        if self.values:
+            collection.set_array(self.values[k])
         if self._depths is None:
             points = self._drawing.along_elements(k, self.pieces)
             pieces = np.stack([points[:, :-1], points[:, 1:]], axis=2)
@@ -181,6 +190,25 @@ class DrawnMembers:
         """One value for each member, repeated for its pieces."""
         counts = [beam.elements * self.pieces for beam in self._drawing.solution.beams.values()]
         return np.repeat(np.asarray(values), counts, axis=0)
+
+
+def _own_values(drawing: Drawing, colour: Mapping[str, ArrayLike]) -> tuple[str, np.ndarray]:
+    """Label and values (rows, elements, pieces) of a field of the user's in the rows shown."""
+    expected = "values by one label, as of fenicsx.Problem.at_points: {'damage': values}"
+    require(len(colour) == 1 and is_name(*colour), "colour", colour, expected)
+    ((label, field),) = colour.items()
+    values, rows = real_array(field), drawing.rows
+    if values.ndim == 2 and len(rows) == 1:
+        values, rows = values[None], [0]
+    elements = sum(beam.elements for beam in drawing.solution.beams.values())
+    count = len(drawing.solution.t) if rows is drawing.rows else 1
+    ok = values.ndim == 3 and values.shape[:2] == (count, elements) and values.size > 0
+    expected = (
+        f"finite values (elements, m) of {elements} elements in the one row that is shown, or "
+        f"(rows, elements, m) in all {len(drawing.solution.t)} rows"
+    )
+    require(ok and bool(np.isfinite(values).all()), f"colour[{label!r}]", field, expected)
+    return label, values[rows]
 
 
 _LEAST, _EDGE, _BRIGHT = 3.4, 0.75, 5.0  # widths of lines [points]

@@ -1,5 +1,7 @@
 """Pictures are read without help: values where they are, words on no ink, colours apart."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from pytest import approx
@@ -40,6 +42,28 @@ def test_each_part_between_supports_has_its_extreme_values_in_kilonewtons():
     assert numbers(figure, 1) == approx(bending, rel=5e-3)
     words = " ".join(text.get_text() for text in figure.texts)
     assert "[kN]" in words and "[kN m]" in words
+
+
+def test_of_many_members_the_extreme_values_of_the_frame_are_written():
+    scene, fields = fb.Scene(), 14  # a clamped beam under a line load: M = -q L^2/12, q L^2/24
+    places = np.linspace(0, SPAN, fields + 1)
+    members = [scene.add_beam([(a, 0), (b, 0)], STIFF) for a, b in pairwise(places)]
+    for left, right in pairwise(members):
+        scene.add_joint(fb.Rigid(left.end, right.start))
+    scene.clamp(members[0].start)
+    scene.clamp(members[-1].end)
+    for member in members:
+        scene.add_line_load(member, (0, -LOAD))
+    figure = plot.diagrams(fb.static(scene, linear=True), quantities=["M"])
+    moment = LOAD * SPAN**2 / 1e3
+    assert numbers(figure) == approx([-moment / 12, moment / 24], rel=5e-3)
+
+
+def test_of_a_force_that_varies_little_the_largest_value_is_written():
+    scene, beam = clamped_bar((3, 0), STIFF, elements=2)
+    scene.add_line_load(beam, (1.0, 0.0))
+    scene.add_force(beam.end, (100.0, 0.0))
+    assert numbers(plot.diagrams(fb.static(scene, linear=True), quantities=["N"])) == [103.0]
 
 
 def test_a_force_inside_an_element_is_a_step_of_the_shear_force():
@@ -141,6 +165,51 @@ def test_notebooks_show_pictures_and_films_without_a_path():
     assert str(film) == "<Film: 0.0 MB>"
     assert_refused("theme = 'grey' must be 'light' or 'dark'", plot.scene, scene, theme="grey")
     assert_refused("title = 3 must be a text", plot.shapes, solution, title=3)
+
+
+def colours_at(figure, places):
+    """Colours (n, 3) from 0 to 1 at places of the drawing."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[::-1, :, :3] / 255
+    columns, rows = figure.axes[0].transData.transform(places).astype(int).T
+    return pixels[rows, columns]
+
+
+def still_bar():
+    """A thick bar of three elements that does not move, and the middles of these."""
+    scene, bar = clamped_bar((3, 0), fb.Section.rectangle(0.3, 0.1, **fb.materials.steel), 3)
+    return fb.simulate(scene, dt=0.1, t_end=0.2), [(0.5, 0), (1.5, 0), (2.5, 0)]
+
+
+@pytest.mark.parametrize("theme", look.THEMES)
+def test_a_field_of_ones_own_and_times_have_the_colours_of_their_bar(theme):
+    solution, middles = still_bar()
+    field = np.array([[2.0], [5.0], [3.0]])
+    every = np.array([0 * field, field, -field])
+    for values, choice in ((field, {"rows": [-1]}), (every, {"rows": [1]})):
+        figure = plot.shapes(solution, colour={"damage": values}, theme=theme, **choice)
+        bar = figure.axes[1]
+        assert "damage" in (bar.get_xlabel(), bar.get_ylabel())
+        ramp = np.asarray(plot.symbols.SEQUENTIAL(field.ravel() / 5.0))[:, :3]
+        assert abs(colours_at(figure, middles) - ramp).max() < 0.02
+    last = plot.shapes(solution, colour="time", theme=theme)
+    assert abs(colours_at(last, middles) - plot.symbols.SEQUENTIAL(1.0)[:3]).max() < 0.02
+
+
+def test_a_field_has_a_value_for_each_element_in_each_row():
+    solution, _ = still_bar()
+    expected = "must be finite values .elements, m. of 3 elements in the one row that is shown"
+    for values, rows in (
+        (np.ones((2, 1)), [-1]),
+        (np.ones((3, 1)), [0, 1]),
+        (np.ones((2, 3, 1)), [0]),
+        (np.full((3, 1), np.nan), [-1]),
+        (np.ones((3, 0)), [-1]),
+    ):
+        assert_refused(expected, plot.shapes, solution, rows=rows, colour={"f": values})
+    assert_refused("must be values by one label", plot.shapes, solution, colour={})
+    assert_refused("must be values by one label", plot.animate, solution, colour={2: [[1.0]]})
 
 
 def test_dimensions_are_of_the_pairs_that_are_named():
