@@ -165,6 +165,9 @@ def _products(
     first = np.cumsum(count, dtype=np.int32) - count
     rows = np.repeat(np.arange(size, dtype=np.int32), np.diff(indptr))
     products = count[rows] * count[indices] * used
+    if (count <= 1).all():  # each at most one product
+        source = np.flatnonzero(products).astype(np.int32)
+        return source, moving[first[rows[source]]], moving[first[indices[source]]]
     source = np.repeat(np.arange(len(indices), dtype=np.int32), products)
     begin = np.cumsum(products, dtype=np.int32) - products
     number = np.arange(len(source), dtype=np.int32) - np.repeat(begin, products)

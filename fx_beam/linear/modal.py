@@ -371,7 +371,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     roots, omega, ratios, vectors = lowest
     shapes = about.at_nodes(vectors)
     if about.stiffness.is_plain:
-        lost = _bends(about, shapes[:, rigid])
+        lost = bool(rigid.any()) and _bends(about, shapes[:, rigid])
         if lost and state is not None:  # as it is at a critical load, too
             lost = False
             with suppress(SceneError):

@@ -304,7 +304,7 @@ class Equations:
     def system(self) -> scipy.sparse.csr_matrix:
         """The linear system of the last balance: the unknowns and auxiliary ones before others."""
         reduction, storage = self.model.reduction, self._problem.storage
-        indptr, indices = reduction.tangent.pattern
+        indptr, indices = storage.pattern
         n = len(indptr) - 1
         A = scipy.sparse.csr_matrix((self.values, indices, indptr), (n, n))
         if reduction.couplings.sliding:

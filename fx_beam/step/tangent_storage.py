@@ -91,9 +91,10 @@ class TangentStorage:
             and model.points.members is None
             and (loops is None or not len(loops.carried))
         )
-        self.factors = self._factors_of(*model.reduction.tangent.pattern)
-        #: Number of entries of the reduced tangent.
-        self.entries = len(model.reduction.tangent.pattern[1])
+        #: Sparsity of the reduced tangent, and its number of entries.
+        self.pattern = model.reduction.tangent.pattern
+        self.entries = len(self.pattern[1])
+        self.factors = self._factors_of(*self.pattern)
         #: Those in sparse rows, in C.
         self.sparse_factors = np.zeros(0)
 
@@ -118,7 +119,7 @@ class TangentStorage:
         problem.set(tables=reduction.joints.members, numbers=reduction.joints.numbers)
         places, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
-            indptr, indices = reduction.tangent.pattern
+            indptr, indices = self.pattern
             places, stored = np.arange(len(indices), dtype=np.int32), len(indices)
             worth = 0 if self.kind.rates else factors.worth
             problem.set(
@@ -132,7 +133,7 @@ class TangentStorage:
             own = {"factors": self.sparse_factors, "threads": self.threads}
             problem.set(work={"factors": {"rows": [factors.rows | own]}})
         if (loops := reduction.loops) is not None:
-            diagonal, unit = loops.scales(reduction.tangent.pattern)
+            diagonal, unit = loops.scales(self.pattern)
             table = {"scales": len(unit), "scale_at": places[diagonal], "scale_unit": unit}
             following = np.zeros(len(loops), dtype=int)
             problem.set(tables={"loops": table}, work={"following": following})
@@ -206,7 +207,7 @@ class TangentStorage:
         With tables of `sliders` it changes with what slides.
         """
         reduction, couplings = self.model.reduction, self.model.couplings
-        graph = graph_of(*reduction.tangent.pattern)
+        graph = graph_of(*self.pattern)
         groups = groups_of(graph, reduction.auxiliaries.dependent, reduction.forces)
         if sliders is not None:
             groups = with_bordering_rows(groups, self.border, sliders)
@@ -268,7 +269,7 @@ class TangentStorage:
 
         Of a chain or a band it is that of each stored value.
         """
-        indptr, indices = self.model.reduction.tangent.pattern
+        indptr, indices = self.pattern
         n = len(indptr) - 1
         numbered = scipy.sparse.csr_matrix((np.arange(len(indices)), indices, indptr), (n, n))
         turned = numbered.T.tocsr()
@@ -284,7 +285,7 @@ class TangentStorage:
     @cached_property
     def tangent_places(self) -> np.ndarray:
         """Storage indices of the entries of `ReducedTangent.pattern`."""
-        indptr, indices = self.model.reduction.tangent.pattern
+        indptr, indices = self.pattern
         return (
             self._factors_of(indptr, indices).at if self.factors.band else np.arange(len(indices))
         )

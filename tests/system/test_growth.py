@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from growth import KINDS, exponent, ladder, measure, peak, sliders
+from growth import KINDS, exponent, ladder, lattice, measure, peak, sliders
 
 import fx_beam as fb
+from fx_beam.coupling import reduction
 from fx_beam.coupling.graph import Entries
+from fx_beam.step import tangent_storage
 from fx_beam.step.stepper import CompiledLoop
 
 LARGEST = 1.3  # exponent p of memory ~ n^p
@@ -41,6 +43,14 @@ def test_factors_and_work_space_of_many_joints_are_linear(kind, error, monkeypat
     assert [after / before for before, after in zip(small, large, strict=True)] == pytest.approx(
         [4.0, 4.0], rel=error
     )
+
+
+def test_tables_of_the_tangent_of_a_large_frame_are_found_once(monkeypatch):
+    calls, find = [], reduction.reduced_tangent
+    monkeypatch.setattr(tangent_storage, "LARGE", 0)
+    monkeypatch.setattr(reduction, "reduced_tangent", lambda *x: calls.append(0) or find(*x))
+    fb.modes(lattice(32)[0], n=2)
+    assert len(calls) == 1
 
 
 def test_arms_are_found_where_products_of_their_numbers_are_too_large_for_32_bits():
