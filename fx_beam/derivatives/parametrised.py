@@ -16,7 +16,7 @@ from fx_beam.dual import Dual, LinearChanges, LostSlopesError, changes_of, float
 from fx_beam.errors import SceneError, all_of, any_of, real_array, require, shown
 from fx_beam.motions.motion_setup import OF_STEPS, are_of_outputs
 from fx_beam.results.records import Stats
-from fx_beam.scene.functions import ArrayCalls
+from fx_beam.scene.functions import BUILDING, ArrayCalls
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.fitted_rates import Arrays
@@ -534,7 +534,11 @@ class Parametrised(Generic[_Besides]):
     def build_at(self, x: np.ndarray | Dual, *extra: float) -> tuple[Scene, _Besides]:
         """The scene that `build` makes of a copy of x, and the rest of its result."""
         own_x = x if isinstance(x, Dual) else x.copy()
-        scene, besides = self._built(own_x, *(extra or self.more))
+        building = BUILDING.set(self.array_calls)
+        try:
+            scene, besides = self._built(own_x, *(extra or self.more))
+        finally:
+            BUILDING.reset(building)
         scene.array_calls, self._last = self.array_calls, (scene, besides)
         return scene, besides
 

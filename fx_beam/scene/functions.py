@@ -8,6 +8,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
 
@@ -77,6 +78,10 @@ class ArrayCalls:
             if _agree(values[samples], one_by_one(rows[samples]), sizes):
                 return values
         return one_by_one(rows)
+
+
+#: What is known of functions of the scene that a response builds now; None outside.
+BUILDING: ContextVar[ArrayCalls | None] = ContextVar("BUILDING", default=None)
 
 
 class Signal:

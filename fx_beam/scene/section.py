@@ -18,7 +18,7 @@ from fx_beam.errors import IS_DATA, LARGEST, SceneError, as_float, require, shap
 from fx_beam.symbolic import Expr, ufl
 
 from .beam import Beam
-from .functions import ArrayCalls
+from .functions import BUILDING, ArrayCalls
 from .law import Energy, InternalVariables, check_energy, functions_of_energy
 
 # -- Cross-sections of a beam: stiffness, inertia and stored energy -----------------------------
@@ -864,7 +864,7 @@ def _jump(beam: Beam, name: str) -> float | None:
     edges = floats(beam.s) / float(beam.length)
 
     def logs(places: np.ndarray) -> np.ndarray:
-        values = floats(values_along(beam.section, name, places, None))
+        values = floats(values_along(beam.section, name, places, BUILDING.get()))
         return np.log(np.maximum(values, np.finfo(float).tiny))  # masses may be zero
 
     places = edges[:-1, None] + np.diff(edges)[:, None] * _PLACES

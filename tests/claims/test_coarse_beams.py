@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pytest
 
 import fx_beam as fb
@@ -78,3 +79,29 @@ def test_members_of_a_mesh_are_told_of_too(caplog):
     section = fb.Section(**STIFF, EI=lambda f: 100.0 if f < 0.35 else 20.0)
     fb.Scene().add_mesh([(0, 0), (1, 0), (2, 1)], [(0, 1), (1, 2)], section, elements=2)
     assert caplog.text.count(JUMPS) == 2
+
+
+def test_a_response_looks_for_jumps_at_each_x_by_few_calls_of_a_function(caplog):
+    calls = []
+
+    def build(x):
+        def EI(f):
+            calls.append(f)
+            return np.interp(f, [0.0, 0.36, 0.36 + 1e-9, 1.0], [100.0, 100.0, x[0], x[0]])
+
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(**STIFF, EI=EI), elements=40)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, (0, -1.0))
+        return scene, {"tip": fb.Output("position", beam.end)}
+
+    run = fb.StaticResponse(build)
+    run([100.0])
+    assert len(calls) > 200  # all places, to learn that the function takes arrays
+    run.jacobian()
+    calls.clear()
+    run([101.0])
+    assert len(calls) < 20
+    assert JUMPS not in caplog.text
+    run([20.0])
+    assert JUMPS in caplog.text
