@@ -113,7 +113,7 @@ class Paper:
             self.names |= {strain: name.replace("*", letter) for strain, letter in pairs}
         fields = {getattr(step, field): name for field, name in _NAMES.items()}
         fields.pop(None, None)
-        for vector in [field for field in fields if isinstance(field, ufl.classes.ListTensor)]:
+        for vector in [x for x in fields if getattr(x, "ufl_shape", ()) == (2,)]:
             fields |= {vector[i]: f"{fields[vector]}[{i}]" for i in range(2)}
         self.names |= fields
         ends = {"_0": (step.u0, step.psi0), "_1": (step.u0 + step.Du, step.psi0 + step.Dpsi)}

@@ -674,9 +674,9 @@ def test_a_search_ends_where_the_forces_are_in_balance_already(options):
 
 
 def test_a_method_of_petsc_has_as_many_iterations_as_it_needs():
-    """A trust region takes 42 from load factor 0 to 0.5, but was ended after 40."""
+    """A trust region takes more than three, in PETSc 3.22 forty times as many for -2.5 N."""
     scene, beam = clamped_bar((1, 0), fb.Section(EA=1e4, GA=1e4, EI=10.0), 6)
-    scene.add_force(beam.end, (0, -2.5))
+    scene.add_force(beam.end, (0, -1.0))
     newton = fenicsx.Equilibrium(scene)
     newton.advance(1.0)
     few, most = fb.NewtonOptions(max_iterations=3), {"snes_max_it": 12}
@@ -688,10 +688,10 @@ def test_a_method_of_petsc_has_as_many_iterations_as_it_needs():
 
 def test_a_correction_that_is_not_finite_is_no_loop_that_cannot_be_closed():
     scene, _ = cantilever()
-    problem = fenicsx.Problem(scene, dt=DT, petsc_options={"snes_linesearch_damping": np.inf})
-    problem.add(-problem.step.virtual_u[1] * problem.measure())
-    with pytest.raises(fb.StepError) as failed:
-        problem.advance()
+    problem = fenicsx.Problem(scene, dt=DT)
+    with problem.begin() as step, pytest.raises(fb.StepError) as failed:
+        step.y.set(np.inf)
+        step.accept(step.y)
     assert "loop of joints" not in str(failed.value)
 
 
@@ -868,17 +868,20 @@ def test_what_is_written_into_the_state_is_refused_and_not_lost():
         for name in "qva":
             problem = make()
             getattr(problem, name).sub(1).interpolate(lambda x: 1 + x[0])
-            assert_refused(f"written into problem.{name}", problem.advance, 0.1)
+            assert_refused(f"written into {name} ", problem.advance, 0.1)
         for number in ("dt", "t", "load_factor"):
             problem = make()
             problem.advance(0.1)
             getattr(problem.step, number).value = 0.07
-            assert_refused("written into the Constant", problem.advance, 0.2)
-        for name in ("u", "start", "increment"):
-            problem = make()
-            problem.advance(0.1)
-            getattr(problem, name).x.array[-1] = 1.0
-            assert_refused(f"written into problem.{name}", problem.advance, 0.2)
+            assert_refused("written into (dt|time|load_factor) ", problem.advance, 0.2)
+        for name in ("u", "start", "increment", "stiffness"):
+            for begun in (False, True):
+                problem = make()
+                functions = {c.name: c for c in problem.F.coefficients()} | {"u": problem.u}
+                if begun:
+                    problem.advance(0.1)
+                functions[name].x.array[-1] = 1.0
+                assert_refused(f"written into {name} ", problem.advance, 0.2)
     problem = fenicsx.Problem(scene, dt=DT)
     for value in (
         np.zeros((3, 3)),
@@ -1172,5 +1175,5 @@ def test_files_of_options_in_the_current_folder_are_not_read_or_named(tmp_path):
     run = [sys.executable, "script.py"]
     variables = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
     done = subprocess.run(run, cwd=tmp_path, env=variables, capture_output=True, text=True)
-    assert float(done.stdout) < 1e-12
+    assert float(done.stdout.split()[0]) < 1e-12  # PETSc 3.22 tells there of options without use
     assert "options of .petscrc in the current folder" in done.stderr
