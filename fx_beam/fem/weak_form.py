@@ -202,6 +202,16 @@ class FormSymbols:
         return lambda *arguments: replaced(energy(*arguments), self.by_name)
 
 
+def check_linear(integrand: Expr, test: Expr, expected: str) -> None:
+    """SceneError that says what is `expected` if an integrand is not linear in a test function."""
+    lowered = ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering
+    arities = ufl.algorithms.check_arities
+    try:
+        arities.check_integrand_arity(lowered(integrand), (test,))
+    except (Exception, arities.ArityMismatch) as error:  # which is not always an Exception
+        raise SceneError(f"{expected}; {error}") from error
+
+
 # -- The weak form of one step in UFL, compiled for all scenes of a kind ------------------------
 
 
@@ -402,12 +412,7 @@ class WeakForm:
         expected += "and step.virtual_psi"
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [test]:
             raise SceneError(f"{expected}, not {term}")
-        lowered = ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering
-        arities = ufl.algorithms.check_arities
-        try:
-            arities.check_integrand_arity(lowered(term), (test,))
-        except (Exception, arities.ArityMismatch) as error:  # which is not always an Exception
-            raise SceneError(f"{expected}; {error}") from error
+        check_linear(term, test, expected)
         return term
 
     def step_forms(self) -> Written:

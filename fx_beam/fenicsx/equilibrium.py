@@ -30,9 +30,8 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.stepper import LoadLoop, StepFailed, StepSolution
 
-from .modes import FieldModes, eigenpairs, modes_of
 from .reduced_equations import PetscOptions
-from .steps import DolfinxSteps, ReplacedRows, TrialStep, trial_step
+from .steps import DolfinxSteps, FieldModes, ReplacedRows, TrialStep, eigenpairs, modes_of
 from .versions import DolfinxMesh
 
 # Unknowns up to which all eigenvalues are found at once.
@@ -162,7 +161,7 @@ class Equilibrium(DolfinxSteps):
 
     def _step(self, load_factor: float) -> tuple[State, StepSolution]:
         require(np.isfinite(load_factor), "load_factor", load_factor, "a finite number")
-        self._form.fields.refuse_writes(self._state)
+        self._form.fields.refuse_writes()
         self._equations.find_natural_strains()
         return self._loads.step(self._state, Interval(self._state.t, float(load_factor)))
 
@@ -188,7 +187,7 @@ class Equilibrium(DolfinxSteps):
                 self._step(load_factor)
 
         take = partial(self.advance, load_factor)
-        return trial_step(self._newton, self._equations, prepare, take)
+        return self._trial(prepare, take)
 
     def load_derivative(self) -> PETSc.Vec:
         """Derivative of the residual by the load factor, where it was found last.

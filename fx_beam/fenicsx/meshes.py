@@ -25,23 +25,7 @@ from fx_beam.scene.curve import MeshBeams
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 
-from .versions import (
-    CompiledExpression,
-    DolfinxMesh,
-    Element,
-    MeshTags,
-    cell_dofs,
-    cell_ends,
-    cell_nodes,
-    cell_vertices,
-    compiled_expression,
-    count_cells,
-    create_mesh,
-    exterior_facets,
-    fits,
-    function_space,
-    values_of,
-)
+from . import versions
 
 # -- The elements of all beams of a scene as a mesh of dolfinx, and values on it ----------------
 
@@ -67,24 +51,26 @@ class BeamMesh:
         if mesh is not None:
             self._check(mesh)
         #: Intervals in the plane. At joints vertices coincide.
-        self.mesh = mesh or create_mesh(comm, points, nodes.X, element)
+        self.mesh = mesh or versions.create_mesh(comm, points, nodes.X, element)
         #: Number in the scene of each element that this process has.
         self.cells = np.asarray(self.mesh.topology.original_cell_index)
         if mesh is not None:
             self.cells = np.arange(len(points))
-        X = self.mesh.geometry.x[cell_ends(self.mesh), :2]
+        X = self.mesh.geometry.x[versions.cell_nodes(self.mesh)[:, :2], :2]
         assert np.array_equal(X, nodes.X[points[:, :2]][self.cells])  # dolfinx keeps their order
         #: Number of the beam of each element, and of the node at each vertex that is an end.
         self.cell_tags, self.end_tags = self.tagged(nodes.beam_of_cell), self._tagged_ends()
+        #: Number of the material of each element.
+        self.materials = self.tagged(beams.data.tags)
         # Compiled, by expression and points.
-        self._expressions: dict[tuple[Expr, bytes], CompiledExpression] = {}
-        self._spaces: dict[Element, fem.FunctionSpace] = {}
+        self._expressions: dict[tuple[Expr, bytes], versions.CompiledExpression] = {}
+        self._spaces: dict[versions.Element, fem.FunctionSpace] = {}
 
     def _check(self, mesh: dolfinx.mesh.Mesh) -> None:
         """Refuse a mesh whose cells are not the elements of the scene, one by one."""
         ends = self._nodes.points[:, :2]
         is_it = mesh.geometry.dim == 2 and mesh.topology.dim == 1 and mesh.comm.size == 1
-        if is_it and (rows := cell_ends(mesh)).shape == ends.shape:
+        if is_it and (rows := versions.cell_nodes(mesh)[:, :2]).shape == ends.shape:
             pairs = np.unique(np.column_stack([rows.ravel(), ends.ravel()]), axis=0)
             is_it = np.array_equal(mesh.geometry.x[rows, :2], self._nodes.X[ends])
             is_it = is_it and all(len(np.unique(side)) == len(pairs) for side in pairs.T)
@@ -97,32 +83,34 @@ class BeamMesh:
             "each element"
         )
 
-    def space(self, element: Element) -> fem.FunctionSpace:
+    def space(self, element: versions.Element) -> fem.FunctionSpace:
         """A function space, one for each element: it takes as long as several steps."""
         if element not in self._spaces:
-            self._spaces[element] = function_space(self.mesh, element)
+            self._spaces[element] = versions.function_space(self.mesh, element)
         return self._spaces[element]
 
-    def tagged(self, tags: np.ndarray) -> MeshTags:
+    def tagged(self, tags: np.ndarray) -> versions.MeshTags:
         """Tags of elements as tags of the mesh of dolfinx."""
         numbers = np.arange(len(self.cells), dtype=np.int32)
         return dolfinx.mesh.meshtags(self.mesh, 1, numbers, tags[self.cells].astype(np.int32))
 
     def numbers(self, space: fem.FunctionSpace, cell_numbers: np.ndarray) -> np.ndarray:
         """The number of each degree of freedom of a space, from numbers (cells, width) in cells."""
-        dofs = cell_dofs(space)
+        dofs = versions.cell_dofs(space)
         numbers = np.zeros(dofs.max(initial=-1) + 1, dtype=PETSc.IntType)
         numbers[dofs] = cell_numbers[self.cells]
         return numbers
 
-    def fill(self, function: fem.Function, cell_values: np.ndarray) -> None:
-        """Set a Function by its values (cells, ...)."""
-        values = cell_values.reshape(len(cell_values), -1)[self.cells]
-        function.x.array[cell_dofs(function.function_space)] = values
+    def in_space(self, space: fem.FunctionSpace, cell_values: np.ndarray) -> np.ndarray:
+        """The array of a Function in a space that has values (cells, ...)."""
+        dofs = versions.cell_dofs(space)
+        values = np.zeros(dofs.max(initial=-1) + 1)
+        values[dofs] = cell_values.reshape(len(cell_values), -1)[self.cells]
+        return values
 
     def _gathered(self, own_values: np.ndarray) -> np.ndarray:
         """Values (cells, ...) from the values of the cells that each process owns."""
-        owned, _ = count_cells(self.mesh)
+        owned, _ = versions.count_cells(self.mesh)
         values = np.zeros((len(self._nodes.points), *own_values.shape[1:]))
         values[self.cells[:owned]] = own_values
         return self.total(values)
@@ -156,23 +144,26 @@ class BeamMesh:
                 raise SceneError(f"fenicsx: measure: {beam} is no beam of this scene")
         return dx(tuple(self.scene.beams.number_of(beam.name) for beam in beams))
 
-    def of_materials(self, form: ufl.Form) -> ufl.Form:
-        """A form over materials as one over beams, which adds up with those of a user."""
-        materials = {*zip(self._nodes.beam_of_cell, self.beams.data.tags, strict=True)}
+    def over_beams(self, form: ufl.Form) -> ufl.Form:
+        """A form with the tags of beams, if it has those of materials or none, to add to others."""
+        materials, parts = {*zip(self._nodes.beam_of_cell, self.beams.data.tags, strict=True)}, []
+        for part in form.integrals():
+            tags, number = part.subdomain_data(), part.subdomain_id()
+            if tags is self.materials:
+                beams = sorted(int(beam) for beam, k in materials if k == number)
+                number = tuple(beams) or "everywhere"
+            if tags is self.materials or (tags is None and part.integral_type() == "cell"):
+                part = part.reconstruct(subdomain_id=number, subdomain_data=self.cell_tags)
+            parts.append(part)
+        return ufl.Form(parts)
 
-        def over_beams(part: ufl.Integral) -> ufl.Integral:
-            beams = sorted(int(beam) for beam, number in materials if number == part.subdomain_id())
-            tags = tuple(beams) or "everywhere"
-            return part.reconstruct(subdomain_id=tags, subdomain_data=self.cell_tags)
-
-        return ufl.Form([over_beams(part) for part in form.integrals()])
-
-    def _tagged_ends(self) -> MeshTags:
+    def _tagged_ends(self) -> versions.MeshTags:
         """Numbers of the nodes at the vertices in which a single element ends."""
-        numbers, vertices = self._nodes.points[self.cells][:, :2], cell_vertices(self.mesh)
+        numbers, vertices = self._nodes.points[self.cells][:, :2], versions.cell_vertices(self.mesh)
         number = np.zeros(vertices.max(initial=-1) + 1, np.int32)
         number[vertices] = numbers
-        ends = np.sort(exterior_facets(self.mesh)).astype(np.int32)
+        self.mesh.topology.create_connectivity(0, 1)
+        ends = np.sort(dolfinx.mesh.exterior_facet_indices(self.mesh.topology)).astype(np.int32)
         return dolfinx.mesh.meshtags(self.mesh, 0, ends, number[ends])
 
     # -- Values ------------------------------------------------------------------------------------
@@ -181,15 +172,15 @@ class BeamMesh:
         """Values (cells, points, ...) of an expression in UFL for each material, or of one."""
         tags = self.beams.data.tags if len(expressions) > 1 else 0 * self.beams.data.tags
         places = gauss_rule(self.degree)[0] if points is None else np.asarray(points, float)
-        owned_cells = self.cells[: count_cells(self.mesh)[0]]
+        owned_cells = self.cells[: versions.count_cells(self.mesh)[0]]
         values = np.empty((len(owned_cells), len(places), *expressions[0].ufl_shape))
         for number, part in enumerate(expressions):
             key = part, places.tobytes()
             if key not in self._expressions:
                 zero = fem.Constant(self.mesh, np.zeros(part.ufl_shape))  # of numbers, too
-                self._expressions[key] = compiled_expression(part + zero, places[:, None])
+                self._expressions[key] = versions.compiled_expression(part + zero, places[:, None])
             chosen = np.flatnonzero(tags[owned_cells] == number)
-            computed = values_of(self._expressions[key], self.mesh, chosen)
+            computed = versions.values_of(self._expressions[key], self.mesh, chosen)
             values[chosen] = computed.reshape(len(chosen), len(places), *part.ufl_shape)
         return self._gathered(values)
 
@@ -201,7 +192,8 @@ class BeamMesh:
         interpolation = interpolation @ np.linalg.inv(np.power.outer(gauss_rule(p)[0], exponents))
         element = elements.lagrange(p - 1, *values.shape[2:], broken=True)
         function = fem.Function(self.space(element), name=name)
-        self.fill(function, np.einsum("np,cp...->cn...", interpolation, values))
+        values = np.einsum("np,cp...->cn...", interpolation, values)
+        function.x.array[:] = self.in_space(function.function_space, values)
         return function
 
 
@@ -212,7 +204,7 @@ class BeamsOfMesh(MeshBeams):
     """Beams of the cells of a mesh of dolfinx, in their order, with tags of cells and points."""
 
     def __init__(
-        self, beams: MeshBeams, nodes: list[Node], mesh: DolfinxMesh, tags: np.ndarray | None
+        self, beams: MeshBeams, nodes: list[Node], mesh: dolfinx.mesh.Mesh, tags: np.ndarray | None
     ):
         super().__init__(nodes, beams.cells)
         self.extend(beams)
@@ -241,7 +233,7 @@ class BeamsOfMesh(MeshBeams):
             raise SceneError(f"fenicsx: tagged: no cell has the tag {tag} in the cell_tags")
         return [beam for beam, chosen in zip(self, has_tag, strict=True) if chosen]
 
-    def nodes_of(self, facet_tags: MeshTags, tag: int) -> list[Node]:
+    def nodes_of(self, facet_tags: versions.MeshTags, tag: int) -> list[Node]:
         """Nodes at the points with a tag, such as supports.
 
         Parameters
@@ -261,20 +253,26 @@ class BeamsOfMesh(MeshBeams):
         SceneError
             For tags that are not those of points of this mesh, and where no point has it.
         """
-        if facet_tags.dim != 0 or not fits(facet_tags, self._mesh):
+        if facet_tags.dim != 0 or not versions.fits(facet_tags, self._mesh):
             raise SceneError("fenicsx: nodes_of: the tags must be those of points of the mesh")
         vertices = facet_tags.indices[facet_tags.values == tag]
         if not len(vertices):
             raise SceneError(f"fenicsx: nodes_of: no point has the tag {tag}")
-        row = dict(zip(cell_vertices(self._mesh).flat, cell_ends(self._mesh).flat, strict=True))
+        row = dict(
+            zip(
+                versions.cell_vertices(self._mesh).flat,
+                versions.cell_nodes(self._mesh)[:, :2].flat,
+                strict=True,
+            )
+        )
         return [self.nodes[row[vertex]] for vertex in vertices]
 
 
 def beams_of(
     scene: Scene,
-    mesh: DolfinxMesh,
+    mesh: dolfinx.mesh.Mesh,
     section: Section | Mapping[int, Section],
-    cell_tags: MeshTags | None = None,
+    cell_tags: versions.MeshTags | None = None,
     **options: Any,
 ) -> BeamsOfMesh:
     """Add a beam for each cell of a mesh of intervals to a scene.
@@ -321,7 +319,7 @@ def beams_of(
     (3, 4)
     """
     count, X = mesh.topology.index_map(mesh.topology.dim), mesh.geometry.x[:, :2]
-    rows = cell_nodes(mesh) if mesh.topology.dim == 1 else np.zeros((1, 4), int)
+    rows = versions.cell_nodes(mesh) if mesh.topology.dim == 1 else np.zeros((1, 4), int)
     middles, inner = X[rows[:, :2]].mean(axis=1, keepdims=True), rows[:, 2:]
     if inner.shape[1] > 1 or (abs(X[inner] - middles) > 1e-9 * np.ptp(X)).any():
         raise SceneError(

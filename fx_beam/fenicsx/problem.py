@@ -30,9 +30,8 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorded_rows import slides_near
 from fx_beam.step.recorder import NullRecorder, Record, Recorder
 
-from .modes import FieldModes, modes_of
 from .reduced_equations import PetscOptions
-from .steps import DolfinxSteps, ReplacedRows, TrialStep, trial_step
+from .steps import DolfinxSteps, FieldModes, ReplacedRows, TrialStep, modes_of
 from .versions import DolfinxMesh
 
 
@@ -196,7 +195,7 @@ class Problem(DolfinxSteps):
             raise SceneError("fenicsx: begin: the scheme has sub-steps. Use one of order 2")
         end = self._end_of_step(dt)
         take = partial(self._advance, end, 1, NullRecorder())
-        return trial_step(self._newton, self._equations, partial(self._begin, end), take)
+        return self._trial(partial(self._begin, end), take)
 
     def _end_of_step(self, dt: float | None) -> float:
         length = self.dt if dt is None else positive(dt, "dt")
@@ -211,7 +210,7 @@ class Problem(DolfinxSteps):
         if self._starts and self._form.has_further:
             self._accelerate()
         self._starts = False
-        self._form.fields.refuse_writes(self._state)
+        self._form.fields.refuse_writes()
         self._equations.find_natural_strains()
 
     def _advance(self, end: float, number: int, recorder: Recorder | NullRecorder) -> None:

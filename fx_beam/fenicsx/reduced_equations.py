@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, MutableSequence
-from typing import NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -174,15 +173,6 @@ class NoConfigurationError(Exception):
         self.failure = failure
 
 
-class StepInC(NamedTuple):
-    """In C: increments (size,), unknowns (columns,), all forces (size,) and internal ones."""
-
-    D: np.ndarray
-    z: np.ndarray
-    r: np.ndarray
-    f: np.ndarray
-
-
 class ReducedEquations:
     """Forces r (size,) of a step at unknowns, and their tangent.
 
@@ -193,8 +183,9 @@ class ReducedEquations:
         self.assembly, self.loop, self.model = assembly, loop, loop.model
         self._max_turn = max_turn
         n, problem, reduction = loop.model.size, loop.problem, loop.model.reduction
-        #: What C has of a step.
-        self.c_step = StepInC(*problem.results(D=n, z=reduction.columns, r=n, f=n))
+        sizes = {"D": n, "z": reduction.columns, "r": n, "f": n}
+        # In C: increments (size,), unknowns (columns,), all forces (size,), and internal ones.
+        self._D, self._z, self._r, self.internal_in_c = problem.results(**sizes)
         #: In C: dead forces (size,) at the level of the step, natural strains at its end, flat.
         self.dead, _, self._natural_in_c = problem.given()
         # Forces of beams, and entries of their tangent, as the engine's equations take them.
@@ -227,17 +218,11 @@ class ReducedEquations:
             self._natural_in_c[:] = self._natural.ravel()
         natural = self._natural_in_c.reshape(strains.shape) if strains else None
         self._begin(interval, start, natural)
-        self._y = self.c_step.z[: reduction.free].copy()
-        self._driven = self.c_step.z[reduction.free :][: reduction.driven]
-        if len(led := fact(self.model, led_dofs)):
-            beside, rates = np.zeros(self.model.size), self.model.scheme.rates
-            D = self._engine.evaluate(self._y, self._driven, self.dead).D
-            by_rule, _ = rates.acceleration(D, start.v, start.a, interval.length)
-            beside[led] = (self._engine.accelerations - by_rule)[led]
-            self.assembly.fields.lead(beside)
+        self._y = self._z[: reduction.free].copy()
+        self._driven = self._z[reduction.free :][: reduction.driven]
 
     def _begin(self, interval: Interval, start: State, natural: np.ndarray | None) -> None:
-        self._interval, self._start = interval, start
+        self._interval, self._length, self._start = interval, interval.length, start
         sub_step = self.loop.problem.c.work.run.sub_step
         values = self.model.forms.parameters.values.copy()  # C has those at the level of the step
         self._engine.set_start(interval, start.changed(parameters=values))
@@ -261,7 +246,7 @@ class ReducedEquations:
         """
         model = self.model
         self._y[self.unknowns.independent] = y
-        D = self.c_step.D[:] = model.reduction.increment(self._y, self._driven)
+        D = self._D[:] = model.reduction.increment(self._y, self._driven)
         if not abs(D[model.mesh.turns]).max() <= self._max_turn:
             constants, failure = self.loop.problem.constants, "TURNED_TOO_FAR"
             if not np.isfinite(D).all():
@@ -276,6 +261,12 @@ class ReducedEquations:
         self.forces = balance.r.copy()
         #: Forces (n,) on the unknowns, Tv^T r.
         self.residual = balance.residual[self.unknowns.independent]
+        if len(led := fact(self.model, led_dofs)):
+            start, beside = self._start, np.zeros(self.model.size)
+            steps = self._D[led], start.v[led], start.a[led]
+            rule = self.model.scheme.rates.acceleration(*steps, self._length)[0]
+            beside[led] = self._engine.acceleration[led] - rule
+            self.assembly.fields.lead(beside)
 
     def tangent(self) -> PETSc.Mat:
         """The reduced tangent where forces were found last."""
@@ -321,9 +312,9 @@ class ReducedEquations:
     def finish(self, dt: float) -> None:
         """Hand the increment, its forces and the work of added terms over to the engine."""
         model, state = self.model, self.loop.problem.c.work.state
-        self.c_step.z[: model.reduction.free] = self._y
-        self.c_step.r[:], self.c_step.f[:] = self.forces, self.internal
-        path, _ = model.scheme.rates.work_increment(self.c_step.D, model.mesh.turns)
+        self._z[: model.reduction.free] = self._y
+        self._r[:], self.internal_in_c[:] = self.forces, self.internal
+        path, _ = model.scheme.rates.work_increment(self._D, model.mesh.turns)
         state.work -= self._mean_added(state.t, dt) @ path
 
     def _mean_added(self, t: float, dt: float) -> np.ndarray:
@@ -490,7 +481,7 @@ class Newton:
         self._reduced[unknowns.independent] = last_residual
         self._step[unknowns.independent] = change
         self._correction[:] = unknowns.to_nodes(change)
-        self._equations.c_step.f[:] = self._equations.internal
+        self._equations.internal_in_c[:] = self._equations.internal
         judge, convergence = self._judge
         if judge(self._c, convergence, iteration, self._shortened):
             return reasons.CONVERGED_SNORM_RELATIVE
@@ -552,10 +543,8 @@ class System:
 
     def _distributed(self, matrix: scipy.sparse.csr_matrix) -> PETSc.Mat:
         """A matrix whose rows the processes share."""
-        shared = PETSc.Mat().create(self._assembly.grid.comm)
-        shared.setSizes(matrix.shape)
-        shared.setType("aij")
-        shared.setUp()
-        shared.setPreallocationCSR(csr_of(matrix[slice(*shared.getOwnershipRange())]))
-        shared.assemble()
-        return shared
+        comm, size = self._assembly.grid.comm, matrix.shape[0]
+        first, end = PETSc.Vec().createMPI(size, comm=comm).getOwnershipRange()
+        return PETSc.Mat().createAIJ(
+            ((end - first, size),) * 2, csr=csr_of(matrix[first:end]), comm=comm
+        )

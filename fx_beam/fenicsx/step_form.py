@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from fx_beam.errors import SceneError, require, warn_once
 from fx_beam.fem.beam_data import CONSTANTS, section_data
 from fx_beam.fem.elements import Symbols
-from fx_beam.fem.weak_form import WeakForm
+from fx_beam.fem.weak_form import WeakForm, check_linear
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import NewmarkRates
@@ -28,17 +28,8 @@ from fx_beam.results.state import State
 from fx_beam.scene.law import Law
 from fx_beam.step.model import Model
 
+from . import versions
 from .meshes import BeamMesh
-from .versions import (
-    CompiledForm,
-    Element,
-    MeshTags,
-    compiled,
-    confuses_rules,
-    fits,
-    is_empty,
-    terminals,
-)
 
 # -- The symbols of the weak form as dolfinx has them: spaces, Functions and Constants on a mesh
 
@@ -52,14 +43,24 @@ class NamedConstant(fem.Constant):
         return self.name
 
 
+#: What has values on a mesh.
+Symbol = fem.Function | fem.Constant
+
+
+def _bytes(symbol: Symbol) -> bytes:
+    """Values of a symbol, which are the same also where they are not finite."""
+    values = symbol.x.array if isinstance(symbol, fem.Function) else symbol.value
+    return bytes(values.tobytes())
+
+
 class DolfinxSymbols(Symbols):
     """Makes the symbols of forms on a mesh; the tags of cells number materials."""
 
-    def __init__(self, grid: BeamMesh, materials: MeshTags):
+    def __init__(self, grid: BeamMesh):
         super().__init__(grid.mesh.ufl_domain())
-        self._grid, self._materials = grid, materials
+        self._grid = grid
 
-    def space(self, element: Element) -> fem.FunctionSpace:
+    def space(self, element: versions.Element) -> fem.FunctionSpace:
         """A function space, one for each element."""
         return self._grid.space(element)
 
@@ -73,7 +74,7 @@ class DolfinxSymbols(Symbols):
 
     def measure(self, points: int) -> ufl.Measure:
         """Measure of the beams; its subdomains are materials."""
-        return super().measure(points)(subdomain_data=self._materials)
+        return super().measure(points)(subdomain_data=self._grid.materials)
 
 
 # -- Functions and Constants of a step on a mesh of dolfinx, with their values of a scene -------
@@ -115,96 +116,90 @@ class DolfinxFields:
         self.q, self.v, self.a, self.u = self.state
         self._internal, self._parameters = data.internal, data.parameters
         #: Accelerations beside those of the rule, of what driven motions alone move.
-        self.led = fem.Function(self.V)
-        # Values of Constants of the step, and q (size,) at its start, as they were set last.
-        self._step_numbers = dict.fromkeys(CONSTANTS, 0.0)
-        self._start_q = np.zeros(model.size)
-        # Values of the increment where forces were found last.
-        self._increment = fields.increment.x.array.copy()
+        self.led = fem.Function(self.V, name="driven_acceleration")
+        # Symbols with the bytes of their values as they were set last.
+        self._known = {id(symbol): (symbol, _bytes(symbol)) for symbol in self.named}
         #: What takes the place of each symbol of the start in a form of the end.
         self.ends = {fields.start: self.q, fields.natural[0]: fields.natural[1]}
+        self._internal_end: fem.Function | None = None
         if self._internal is not None:
-            self._internal_end = fem.Function(self._internal.function_space)
+            self._internal_end = fem.Function(self._internal.function_space, name="internal_end")
             self.ends[self._internal] = self._internal_end
         named = data.named_data
         if fields.coordinate is not None:
             named["coordinate"] = fields.coordinate
         for name, symbol in named.items():
-            grid.fill(symbol, np.asarray(grid.beams.data.values[name], dtype=float))
+            self._set_cells(symbol, np.asarray(grid.beams.data.values[name], dtype=float))
+
+    def _set(self, symbol: Symbol, values: ArrayLike) -> None:
+        """Set a Function by its array, or a Constant, whose values no user may change."""
+        if isinstance(symbol, fem.Function):
+            symbol.x.array[:] = values
+        else:
+            symbol.value = values
+        self._known[id(symbol)] = symbol, _bytes(symbol)
+
+    def _set_nodes(self, function: fem.Function, values: np.ndarray) -> None:
+        """Set a Function on V by values (size,)."""
+        self._set(function, values[self.V_numbers])
+
+    def _set_cells(self, function: fem.Function | None, values: np.ndarray | None) -> None:
+        """Set a Function by values (cells, ...), if there are both."""
+        if function is not None and values is not None:
+            self._set(function, self._grid.in_space(function.function_space, values))
+
+    def _set_parameters(self, parameters: np.ndarray | None) -> None:
+        """Set the values (n,) of all parameters of the scene."""
+        if self._parameters is not None and parameters is not None:
+            self._set(self._parameters, parameters[self._grid.beams.data.parameters])
 
     def set_start(self, interval: Interval, state: State, natural: np.ndarray | None) -> None:
         """Set the start of a step, and natural strains (cells, degree, 3) at its end."""
         fields, rates = self.symbols, self._rates
         length, factor = interval.length, interval.end if rates.at_rest else 1.0
-        self._set_numbers(time=interval.time_at(rates.level), dt=1.0 if rates.at_rest else length)
-        self._set_numbers(load_factor=factor, load_increment=length, memory=state.memory(length))
-        self._start_q = state.q
-        v, a = fields.start_rates
-        q_previous = state.q if state.q_previous is None else state.q_previous
-        self._fill_nodes(fields.start, state.q)
-        self._fill_nodes(fields.q_previous, q_previous)
-        self._fill_nodes(v, state.v)
-        self._fill_nodes(a, state.a)
+        numbers = interval.time_at(rates.level), 1.0 if rates.at_rest else length, factor, length
+        for name, number in zip(CONSTANTS, (*numbers, state.memory(length)), strict=True):
+            self._set(getattr(fields, name), number)
+        before = state.q if state.q_previous is None else state.q_previous
+        nodal = fields.start, fields.q_previous, *fields.start_rates
+        for function, values in zip(nodal, (state.q, before, state.v, state.a), strict=True):
+            self._set_nodes(function, values)
         for function, strains in zip(fields.natural, (state.natural, natural), strict=True):
-            if strains is not None:
-                self._grid.fill(function, strains)
-        if state.internal is not None:
-            self._grid.fill(self._internal, state.internal)
+            self._set_cells(function, strains)
+        self._set_cells(self._internal, state.internal)
         self._set_parameters(self._scene_parameters.values)
 
     def set_increment(self, D: np.ndarray) -> None:
         """Set the increments (size,) of the step."""
-        self._increment = D[self.increment_numbers]
-        self.symbols.increment.x.array[:] = self._increment
+        self._set(self.symbols.increment, D[self.increment_numbers])
 
     def lead(self, accelerations: np.ndarray) -> None:
         """Set the accelerations (size,) beside those of the rule."""
-        self._fill_nodes(self.led, accelerations)
+        self._set_nodes(self.led, accelerations)
 
     def set_load(self, factor: float, natural: np.ndarray | None) -> None:
         """Set load factor and natural strains at the end of a load step."""
-        self._set_numbers(load_factor=factor)
-        if natural is not None:
-            self._grid.fill(self.symbols.natural[1], natural)
+        self._set(self.symbols.load_factor, factor)
+        self._set_cells(self.symbols.natural[1], natural)
 
     def end(self, state: State) -> None:
         """Set the end of a step."""
-        self._fill_nodes(self.q, state.q)
-        self._fill_nodes(self.v, state.v)
-        self._fill_nodes(self.a, state.a)
-        self.u.x.array[:] = self.q.x.array[self._u_dofs]
-        if state.internal is not None:
-            self._grid.fill(self._internal_end, state.internal)
-        if state.natural is not None:
-            self._grid.fill(self.symbols.natural[1], state.natural)
+        for function, values in zip(self.state, (state.q, state.v, state.a), strict=False):
+            self._set_nodes(function, values)
+        self._set(self.u, self.q.x.array[self._u_dofs])
+        self._set_cells(self._internal_end, state.internal)
+        self._set_cells(self.symbols.natural[1], state.natural)
         self._set_parameters(state.parameters)
 
-    def _set_numbers(self, **values: float) -> None:
-        """Set Constants of a step."""
-        self._step_numbers |= values
-        for name, value in values.items():
-            getattr(self.symbols, name).value = value
-
-    def refuse_writes(self, state: State) -> None:
-        """Refuse values that a user has written into fields, which no step would read."""
-        functions = (*self.state, self.symbols.start, self.symbols.increment)
-        values = [x[self.V_numbers] for x in (state.q, state.v, state.a, state.q, self._start_q)]
-        values[3] = values[3][self._u_dofs]
-        values.append(self._increment)
-        # Bytes are the same also where values are not finite.
-        written = [
-            f"problem.{function.name}"
-            for function, known in zip(functions, values, strict=True)
-            if function.x.array.tobytes() != known.tobytes()
-        ]
-        for name, number in self._step_numbers.items():
-            if getattr(self.symbols, name).value != number:
-                written.append(f"the Constant {name} of the step")
-        if written:
-            raise SceneError(
-                f"fenicsx: what was written into {written[0]} would be lost. Give a state of your "
-                "own to Problem.set_state(q=, v=), unknowns to begin(), and a length to advance(dt)"
-            )
+    def refuse_writes(self) -> None:
+        """Refuse values that a user has written into symbols, which no step would read."""
+        for symbol, known in self._known.values():
+            if _bytes(symbol) != known:
+                raise SceneError(
+                    f"fenicsx: what was written into {symbol.name} of the problem would be lost. "
+                    "Give a state of your own to set_state(q=, v=), unknowns to begin(), a length "
+                    "to advance(dt), and Functions of your own to add and replace_resultants"
+                )
 
     def in_scene(
         self, values: fem.Function | ArrayLike, others: np.ndarray, name: str
@@ -224,15 +219,6 @@ class DolfinxFields:
         require(ok, f"set_state: {name}", values, expected)
         return result
 
-    def _fill_nodes(self, function: fem.Function, values: np.ndarray) -> None:
-        """Set a Function on V by values (size,)."""
-        function.x.array[:] = values[self.V_numbers]
-
-    def _set_parameters(self, parameters: np.ndarray | None) -> None:
-        """Have values (n,) of all parameters of the scene."""
-        if self._parameters is not None and parameters is not None:
-            self._parameters.value[:] = parameters[self._grid.beams.data.parameters]
-
 
 # -- The weak form of a step of all beams of a scene, on a mesh of dolfinx ----------------------
 
@@ -248,17 +234,18 @@ _COUNTED = {"lost energy", "scheme's loss", "work of natural strains"}
 class ResidualTerm:
     """A term of the residual, compiled with its tangent when a step first needs it."""
 
-    def __init__(self, form: ufl.Form, fields: DolfinxFields, over_beams: ufl.Form | None = None):
+    def __init__(self, form: ufl.Form, fields: DolfinxFields):
         self.form, self._fields = form, fields
-        #: The same form, of which subdomains are beams.
-        self.over_beams = over_beams or form
 
     @functools.cached_property
-    def compiled(self) -> list[CompiledForm | None]:
+    def compiled(self) -> list[versions.CompiledForm | None]:
         """Forms of dolfinx: the term, and its derivative by the increment; None for zero."""
         symbols = self._fields.symbols
         tangent = ufl.derivative(self.form, symbols.increment, symbols.trial)
-        return [None if is_empty(form) else compiled(form) for form in (self.form, tangent)]
+        return [
+            None if versions.is_empty(form) else versions.compiled(form)
+            for form in (self.form, tangent)
+        ]
 
 
 class StepForm:
@@ -285,7 +272,7 @@ class StepForm:
             kind = kind._replace(scheme=replace(scheme, resultants=resultants))
         #: Resultants of the step; None where a form has their place.
         self._resultants: Any = kind.scheme.resultants
-        written = WeakForm(kind, DolfinxSymbols(grid, grid.tagged(grid.beams.data.tags)))
+        written = WeakForm(kind, DolfinxSymbols(grid))
         state = before.fields.state if before else None
         self.fields: DolfinxFields = DolfinxFields(written, model, grid, state)
         # What was checked, which takes a while, and symbols that steps no longer set.
@@ -304,9 +291,7 @@ class StepForm:
         names = [name for name in ("internal forces", "drag") if name in forms]
         #: Terms of the scene, and of a user. Each is assembled by itself: FFCx 0.5 confuses
         #: quadrature rules.
-        self.terms = [
-            ResidualTerm(forms[name], self.fields, grid.of_materials(forms[name])) for name in names
-        ]
+        self.terms = [ResidualTerm(forms[name], self.fields) for name in names]
         self.added: list[ResidualTerm] = []
         #: Natural strains (3,) at the end of a step in UFL, by a user.
         self.natural: Expr | None = before.natural if before else None
@@ -320,21 +305,21 @@ class StepForm:
         else:
             energy = forms["strain energy"]
         self._energy, self._lost = (
-            None if form is None else compiled(ufl.replace(form, self.fields.ends))
+            None if form is None else versions.compiled(ufl.replace(form, self.fields.ends))
             for form in (energy, lost)
         )
 
     @property
     def parts(self) -> list[ufl.Form]:
         """Forms of the scene and of a user, whose sum is the residual without inertia."""
-        return [term.over_beams for term in (*self.terms, *self.added)]
+        return [self.grid.over_beams(term.form) for term in (*self.terms, *self.added)]
 
     @property
     def F(self) -> ufl.Form:
         """The residual without inertia."""
         first, *others = self.parts
         form = sum(others, first)
-        if confuses_rules(form):
+        if versions.confuses_rules(form):
             warn_once(
                 "fenicsx: F has several Gauss rules, one with a single point. FFCx 0.5 confuses "
                 "them in one form, which may be wrong: assemble problem.parts one by one"
@@ -358,7 +343,8 @@ class StepForm:
         points = self.grid.degree + 1
         data = section_data(model.mesh, model.scene, ("rhoA", "rhoI"), points)
         density = symbols.symbols.data(data.shape[1], (2,))
-        self.grid.fill(density, np.asarray(data, float))
+        density.name = "rhoA_rhoI"
+        density.x.array[:] = self.grid.in_space(density.function_space, np.asarray(data, float))
         v0, a0 = symbols.start_rates
         a = rates.acceleration(symbols.increment, v0, a0, symbols.dt)[0] + self.fields.led
         factors, test = (density[0], density[0], density[1]), symbols.test
@@ -399,7 +385,7 @@ class StepForm:
             energy = self._integral_of("replace_form: energy", energy)
             require(not energy.arguments(), name, energy, "a form without test functions")
             at_end = self.fields.ends | {increment: fem.Function(increment.function_space)}
-            self._energy = compiled(ufl.replace(energy, at_end))
+            self._energy = versions.compiled(ufl.replace(energy, at_end))
         else:
             self._energy = None
         self.terms[0], self._resultants, self._lost, self.replaced = term, None, None, True
@@ -411,7 +397,9 @@ class StepForm:
         require(isinstance(form, ufl.Form), f"fenicsx: {name}", form, expected)
         form, mesh = ufl.algorithms.expand_derivatives(form), self.grid.mesh
         foreign = {domain.ufl_id() for domain in form.ufl_domains()} - {mesh.ufl_domain().ufl_id()}
-        if foreign or not all(fits(part.subdomain_data(), mesh) for part in form.integrals()):
+        if foreign or not all(
+            versions.fits(part.subdomain_data(), mesh) for part in form.integrals()
+        ):
             raise SceneError(
                 f"fenicsx: {name}: it is an integral over another mesh. Use problem.measure(), "
                 "or a measure with domain=problem.mesh"
@@ -426,19 +414,14 @@ class StepForm:
         if [*term.arguments()] != [test]:
             other_arguments = ", ".join(str(u) for u in term.arguments() if u != test)
             raise SceneError(f"{linear} of problem.step; it has {other_arguments or 'neither'}")
-        lowered = ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering(term)
-        arities = ufl.algorithms.check_arities
-        try:
-            for integral in lowered.integrals():
-                arities.check_integrand_arity(integral.integrand(), (test,))
-        except (ValueError, arities.ArityMismatch) as error:  # the first of products of both
-            raise SceneError(f"{linear}, not {str(term)[:200]}") from error
+        for part in term.integrals():
+            check_linear(part.integrand(), test, linear)
         return ResidualTerm(form, self.fields)
 
     def check(self, name: str, *parts: Expr | ufl.Form) -> None:
         """Refuse symbols of another mesh, of a form before, and symbols without values."""
         mesh, unknown = self.grid.mesh.ufl_domain(), set(parts) - self._checked
-        for symbol in (terminal for part in unknown for terminal in terminals(part)):
+        for symbol in (terminal for part in unknown for terminal in versions.terminals(part)):
             domains = ufl.domain.extract_domains(symbol)
             if any(domain.ufl_id() != mesh.ufl_id() for domain in domains):
                 raise SceneError(
@@ -466,5 +449,5 @@ class StepForm:
         """Energy [J] that replaced resultants have lost in the step, as a user says."""
         return 0.0 if self._lost is None else self._integral(self._lost)
 
-    def _integral(self, form: CompiledForm) -> float:
+    def _integral(self, form: versions.CompiledForm) -> float:
         return float(self.grid.comm.allreduce(fem.assemble_scalar(form)))

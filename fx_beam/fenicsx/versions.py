@@ -118,22 +118,10 @@ def cell_nodes(mesh: DolfinxMesh) -> np.ndarray:
     return rows.reshape(count, rows.size // count if count else 2)
 
 
-def cell_ends(mesh: DolfinxMesh) -> np.ndarray:
-    """Numbers (cells, 2) of the nodes at the ends of cells."""
-    return cell_nodes(mesh)[:, :2]
-
-
 def cell_vertices(mesh: DolfinxMesh) -> np.ndarray:
     """Vertices (cells, 2) at the ends of cells, in the order of the ends in the cells' geometry."""
     mesh.topology.create_connectivity(1, 0)
     return _rows(mesh.topology.connectivity(1, 0), 2)
-
-
-def exterior_facets(mesh: DolfinxMesh) -> np.ndarray:
-    """Vertices of this process in which a single cell ends."""
-    mesh.topology.create_connectivity(0, 1)
-    exterior = dolfinx.mesh.exterior_facet_indices
-    return np.asarray(exterior(mesh.topology))
 
 
 def compiled_expression(expression: Expr, points: np.ndarray) -> CompiledExpression:

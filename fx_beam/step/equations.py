@@ -291,10 +291,9 @@ class Equations:
         return out
 
     @property
-    def accelerations(self) -> np.ndarray:
-        """Accelerations (size,) of the masses in the last balance."""
-        (accelerations,) = self._problem.results(acc=self.model.size)
-        return accelerations
+    def acceleration(self) -> np.ndarray:
+        """Accelerations (size,) of the last balance, at the level of its forces."""
+        return next(self._problem.results(acc=self.model.size))
 
     @property
     def values(self) -> np.ndarray:

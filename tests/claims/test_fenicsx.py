@@ -218,6 +218,20 @@ def test_the_inertia_of_a_driven_end_is_that_of_its_support_force(rho_inf):
     np.testing.assert_allclose(force, solution.reactions[-1, 0, 1:], atol=1e-9 * size)
 
 
+@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.GeneralizedAlpha(0.8)], ids=lambda of: of.name)
+def test_inertia_of_what_driven_motions_move_has_their_acceleration(scheme):
+    """A rigid shift by t^3 of a bar: 6 t at the level of the forces, and half of its mass there."""
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=1)
+    for node in (bar.start, bar.end):
+        scene.prescribe(node, x=0.0, y=lambda t: t**3, rotation=0.0)
+    problem = fenicsx.Problem(scene, scheme, dt=DT)
+    problem.run(5 * DT)
+    force, couple = assembled(problem, problem.F_inertia)
+    np.testing.assert_allclose(force, 3.0 * (4 + scheme.rates.level) * DT, rtol=1e-9)
+    np.testing.assert_allclose(couple, 0, atol=1e-12)
+
+
 def test_gauss_rules_that_ffcx_confuses_in_one_form_are_named(caplog):
     scene, beam = cantilever()
     scene.add_drag(beam, linear=1.0)
