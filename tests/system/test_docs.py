@@ -115,8 +115,12 @@ def test_each_demo_is_in_the_gallery_once_and_has_a_text_on_its_results():
 def test_all_that_is_public_is_in_the_interface_once():
     interface = "\n".join(pages.text(page) for page in (DOCS / "interface").glob("*.md"))
     listed = re.findall(r"^\.\. auto\w+:: (\S+)", interface, flags=re.MULTILINE)
-    methods = [name for name in dir(fb.Scene) if not name.startswith("_")]
-    methods = [f"fx_beam.Scene.{name}" for name in methods]
+    methods = [
+        f"fx_beam.{kind.__name__}.{name}"
+        for kind in (fb.Scene, fb.Solution)
+        for name in dir(kind)
+        if not name.startswith("_")
+    ]
     assert sorted(listed) == sorted([*public(), *methods])
 
 
@@ -132,7 +136,7 @@ def test_the_tables_and_the_first_page_of_the_interface_name_what_its_pages_have
     for page in set(folder.glob("*.md")) - {folder / "index.md"}:
         text = pages.text(page)
         entries = re.findall(r"^\.\. auto\w+:: (\S+)", text, flags=re.MULTILINE)
-        entries = [name for name in entries if not name.startswith("fx_beam.Scene.")]
+        entries = [name for name in entries if not re.match(r"fx_beam\.(Scene|Solution)\.", name)]
         listed = re.findall(r"^   ~(\S+)$", text, flags=re.MULTILINE)
         listed = [name for name in listed if not re.search(r"[A-Z]\w+\.", name)]
         assert sorted(listed) == sorted(entries)
