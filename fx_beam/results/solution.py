@@ -41,10 +41,10 @@ class Solution:
     """Motion of a scene over time, or its equilibria over the load factor.
 
     Its arrays are read-only. Rates by the mid-point rule are the nearest ones, in the norm of the
-    mass, that fit the joints and driven motions; mean forces of a step are those that belong to
-    them. At nodes without mass that move freely, velocities by the mid-point rule are means over
-    the step that ends at t[k], or over the last part of a halved step; so are spins at nodes
-    without rotary inertia.
+    mass, that fit the joints and driven motions, and mean forces of a step belong to these rates.
+    At nodes without mass that move freely, velocities by the mid-point rule are means over the step
+    that ends at t[k], or over the last part of a halved step; so are spins at nodes without rotary
+    inertia.
 
     Parameters
     ----------
@@ -80,30 +80,30 @@ class Solution:
     turns_of_line : dict, optional
         Half turns (n, spans) of the spans of a rope over pulleys [rad], by its number.
     stability : dict, optional
-        Of a path, by their names: `unstable_modes` and `critical_points`, or functions that find
-        them when they are first read.
+        `unstable_modes` and `critical_points` of a path by their names, or functions that find them
+        when they are first read.
 
     Attributes
     ----------
     branches : list of Solution
-        The branches of a path by ``static(..., branches=...)``, each with its own.
+        The branches of a path by ``static(..., branches=...)``, each with branches of its own.
     origin : Branch or None
-        Of a branch, where it starts.
+        Where a branch starts; None for other solutions.
     t : (n,) float
         Times [s]; in a static solution load factors.
     t_level : (n,) float
         Times at which the rows of `resultants`, `reaction`, `JointMotion.force` and
-        `ContactMotion.force` hold [s]: the scheme's level in the step that ends at t[k]. At
-        mid-step they are means over the whole step, whatever its parts: times the step's
-        length they are impulses. Otherwise they are values, in the last part of a halved step
-        and in the last sub-step. Row 0 is the start: reactions and joint forces are zero or, after
-        `simulate(start=...)`, those of the last step before.
+        `ContactMotion.force` hold [s]: the scheme's level in the step that ends at t[k]. With
+        mid-point schemes the rows are means over the whole step, whatever its parts: times the
+        step's length they are impulses. With other schemes they are values, in the last part of a
+        halved step and in the last sub-step. Row 0 is the start: reactions and joint forces are
+        zero or, after `simulate(start=...)`, those of the last step before.
     q : (n, nodes, 3) float
         Displacements and rotation [m, rad].
     v : (n, nodes, 3) float
-        Their rates; zero in a static solution.
+        Rates of q; zero in a static solution.
     a : (n, nodes, 3) float
-        Their accelerations; zero in a static solution.
+        Accelerations; zero in a static solution.
     reactions : (n, nodes, 3) float
         Forces and moments of the supports on the nodes [N, N m].
     motor_forces : (n, joints) float
@@ -113,7 +113,7 @@ class Solution:
     angular_momentum : (n,) float
         Angular momentum about the origin [kg m^2/s].
     slides : (n, joints) float
-        Slides of the joints [m]; NaN of removed ones.
+        Slides of the joints [m]; NaN for removed joints.
     joint_forces : (n, joints, 3) float
         Forces and moments of the joints on their nodes b [N, N m].
     contact_forces : (n, contacts, 2) float
@@ -240,9 +240,10 @@ class Solution:
     def unstable_modes(self) -> np.ndarray:
         """Numbers (n,) of modes that grow in the equilibria of a static solution.
 
-        Without forces that follow the motion, the number of negative eigenvalues of the tangent.
-        With them, that of the modes among the lowest twelve that grow, without damping; a flutter
-        vibration counts once. In a frame that turns, Coriolis forces do not count.
+        Without forces that follow the motion it is the number of negative eigenvalues of the
+        tangent; with such forces the number of growing modes among the lowest twelve, without
+        damping, where a flutter vibration counts once. In a frame that turns, Coriolis forces do
+        not count.
         """
         return read_only(self._of_path("unstable_modes"))
 
@@ -255,9 +256,9 @@ class Solution:
     def critical_points(self) -> list[Any]:
         """The critical points between the rows of a static solution, in the order of the path.
 
-        A list of `CriticalPoint`, found when it is first read, of the scene as it was computed.
-        What could not be located between two rows is in the list as "not located", with a warning;
-        where `unstable_modes` is refused, the list is empty, with a warning.
+        A list of `CriticalPoint`, found when it is first read, of the scene as it was computed. A
+        point that could not be located between two rows is "not located", with a warning; where
+        `unstable_modes` is refused, the list is empty, with a warning.
         """
         return list(self._of_path("critical_points"))
 
@@ -632,7 +633,7 @@ class Solution:
         Parameters
         ----------
         output : Output
-            Any but "critical_load" and "period", of a part of this solution.
+            Any output of a part of this solution but "critical_load" and "period".
 
         Returns
         -------
@@ -643,8 +644,8 @@ class Solution:
         Raises
         ------
         SceneError
-            For anything but an output, the two that are numbers of a whole path or period, and what
-            is no part of this solution.
+            For anything but an output, for "critical_load" and "period", and for parts of other
+            scenes.
         ValueError
             If what it needs was not recorded.
 

@@ -483,10 +483,10 @@ class Scene:
             Created by `Rigid`, `Revolute`, `Prismatic`, `PinInSlot`, `Slider` or `Sleeve`; or by
             `Gear` or `Rack`, between joints of this scene.
         at : Solution, optional
-            A motion or equilibrium at whose end the joint is made, in place of the reference
-            configuration: its nodes must meet there, its point on the ground is there, and a joint
-            that does not turn keeps the relative rotation. A gear engages there. For motions that
-            start from there.
+            A motion or equilibrium at whose end the joint is made, in the place of the reference
+            configuration: the nodes must meet there, a joint to the ground gets its place there, a
+            joint that does not turn keeps the relative rotation, and a gear keeps the angles. The
+            next motion must start from this solution.
 
         Returns
         -------
@@ -537,7 +537,7 @@ class Scene:
     def add_parameter(self, parameter: Parameter) -> None:
         """Add a parameter that no function in the scene has, as the damping of a scheme.
 
-        Functions that are given to the scene bring their own along.
+        Parameters in functions of the scene are added with these functions.
 
         Parameters
         ----------
@@ -600,9 +600,9 @@ class Scene:
         Parameters
         ----------
         a : Beam or Node
-            What touches: a node of a beam or body, or a beam. It does not stop other members.
+            The node or beam that touches. The contact does not stop other members.
         b : Line, Circle or Beam
-            What it touches: a shape that is fixed or carried by a node, another beam, or the same.
+            A shape that is fixed or carried by a node, another beam, or the same beam.
         stiffness : float, optional
             Stiffness k of a node [N/m], of a beam per length [N/m^2].
         restitution : float
@@ -619,8 +619,8 @@ class Scene:
             `radius`, and on that of a circle or line that moves. On a member a node with a radius
             rolls: its surface turns with the node, that of the member with its sections.
         radius : float or pair
-            Half of the thickness of the beam, or radius of a wheel or ball around the node [m]. On
-            a beam it is required: that of both, or a pair with that of `a` and of `b`.
+            Half of the thickness of the beam, or radius of a wheel or ball around the node [m].
+            Required if `b` is a beam: one number for both, or a pair for `a` and `b`.
         along : int, optional
             For lines and circles: number of Gauss points in each element of a beam at which it
             touches, where elements are not much shorter than the arc of contact. By default it
@@ -708,8 +708,8 @@ class Scene:
         friction : SmoothFriction, optional
             Friction on the rate of r.
         stop : Stop or (lower, upper, stiffness), optional
-            Limits of r: a rope has an upper one, a prop a lower one. With an upper one alone, no
-            spring and no force it is a rope, whose damper and friction act while it is taut.
+            Limits of r: a rope has only an upper limit, a prop only a lower limit. A rope without
+            spring and force has a damper and friction that act while it is taut.
         force : callable, float or Input, optional
             ``force(distance, rate, t)``, an additional tension [N] as a UFL expression of r [m],
             its rate [m/s] and the time [s]; or a number or an `Input` for the tension. Its work is
@@ -780,15 +780,16 @@ class Scene:
         friction : SmoothFriction, optional
             Friction on the rate of l, as a damper.
         stop : Stop or (lower, upper, stiffness), optional
-            Limits of l: a rope has an upper one. With a damper or friction, and no spring or force,
-            ``(None, l0, k)`` is ``spring=Spring(k), length=l0``.
+            Limits of l: a rope has an upper limit. With a damper or friction, and no spring or
+            force, ``(None, l0, k)`` is ``spring=Spring(k), length=l0``.
         force : callable, float or Input, optional
             ``force(length, rate, t)``, an additional tension [N], as of `add_force_between`.
         length : float, callable, Parameter or Input, optional
             Length of the rope without tension [m], also as a function of time, as of a winch. The
             rope pulls with ``spring.stiffness * (l - length)`` where it is longer, and is slack
-            otherwise. What changes the length does work, which is part of `Energy.work`. In statics
-            it is that at the time ``t``. An `Input` that is not set yet is the length as drawn.
+            otherwise. A change of the length does work, which is part of `Energy.work`. Statics
+            takes the length at the time ``t``. An `Input` that is not set yet is the length as
+            drawn.
         taut : bool
             Whether its length without tension is that as drawn: a brace that only pulls.
         pretension : float, optional
@@ -859,8 +860,8 @@ class Scene:
     ) -> GroundSprings:
         """Hold a node to the ground by springs, dampers, friction or stops.
 
-        They act on the displacement of the node along fixed directions, and on its rotation, both
-        since the reference configuration. In schemes that conserve energy the work is exactly the
+        They act on the displacement of the node from the reference configuration along fixed
+        directions, and on its rotation. In schemes that conserve energy the work is exactly the
         change of the stored energy.
 
         Parameters
@@ -868,7 +869,7 @@ class Scene:
         node : Node
             A node of this scene.
         x, y, rotation : Spring, Damper, SmoothFriction, Stop or a list of them, optional
-            What acts on each displacement [m] and on the rotation [rad].
+            Laws on each displacement [m] and on the rotation [rad].
         axis : (2,) float, optional
             Direction of x, of any length; y is to its left. By default those of the scene.
         at : "now", optional
@@ -1090,16 +1091,15 @@ class Scene:
         beam : Beam
             A beam of this scene.
         load : (qx, qy), callable or Input
-            Force per reference length [N/m]: a constant; a pair of them, at both ends, with a line
-            between; or a function ``load(t)`` of time,
-            ``load(s)`` of the arc length from the beam's start [m], or ``load(s, t)`` of both. The
-            last is called with all arc lengths at once, at both ends of each step, if it takes
-            arrays, else with one after the other. Functions of the arc length may jump inside
-            elements: their integrals are right.
+            Force per reference length [N/m]: a constant; a pair of constants at both ends, linear
+            between them; or a function ``load(t)`` of time, ``load(s)`` of the arc length from the
+            beam's start [m], or ``load(s, t)`` of both. ``load(s, t)`` is called with all arc
+            lengths at once, at both ends of each step, if it takes arrays, else with one after the
+            other. Functions of the arc length may jump inside elements: their integrals are right.
         of : {"time", "arc length", "arc length and time", "projected length"}
             The arguments of the function. With "projected length" a constant, a pair or a function
-            of time is a force per length seen along it, as of snow: qy by that along x, qx by that
-            along y.
+            of time is a force per projected length, as of snow: qy per length along x, qx per
+            length along y.
         between : (2,) float, optional
             Arc lengths from the beam's start between which the load acts [m], anywhere in its
             elements; by default from end to end. In straight elements the sum of the nodal forces
@@ -1184,8 +1184,8 @@ class Scene:
         x, y : callable, Input, float or (times, accelerations), optional
             Acceleration a of the base along each direction: ``a(t)`` [m/s^2]; or a record, two
             lists of the same length: times [s] in order, and accelerations [m/s^2], with straight
-            lines between. It jumps where a time is there twice, and is zero before and after; the
-            base then goes on at the velocity that it has.
+            lines between. Twice the same time is a jump. The record is zero before and after; the
+            base then keeps its last velocity.
 
         Returns
         -------
@@ -1418,14 +1418,14 @@ class Scene:
             What `add_force`, `add_moment`, `add_line_load` or `add_natural_strain` returned, or the
             x or y of what `shake` returned.
         value : float, (x, y), callable or Input
-            New value of a load, as there.
+            New value of a load, as the method that added it takes it.
         axial, shear, curvature : float, callable or Input, optional
-            New components of a natural strain, as there; others stay.
+            New components of a natural strain; other components stay.
 
         Returns
         -------
         Load, VirtualWork or NaturalStrain
-            That with the new value, in the place of the other one.
+            The part with the new value, which takes the place of `load`.
 
         Raises
         ------
@@ -1534,12 +1534,12 @@ class Scene:
         joint : Joint
             A joint of this scene with a slide or a relative rotation that no motor drives.
         coordinate : {"slide", "rotation"}, optional
-            What is locked, for joints that have both.
+            The coordinate to lock, for joints that have both.
 
         Returns
         -------
         Joint
-            The joint that is locked, in the place of the other one. Both name it in solutions.
+            The locked joint, which takes the place of `joint`. Both name it in solutions.
 
         Raises
         ------
@@ -1579,7 +1579,7 @@ class Scene:
         Returns
         -------
         Joint
-            The joint that is free, in the place of the other one.
+            The free joint, which takes the place of `joint`.
 
         Raises
         ------
@@ -1622,8 +1622,8 @@ class Scene:
     def set_rate(self, joint: Joint, rate: float) -> None:
         """Set the rate of a joint at t = 0.
 
-        All other velocities are then made compatible: those that are nearest to the ones of
-        `set_velocity`, without which the scene is at rest, in the norm of the mass matrix.
+        All other velocities are then the compatible velocities that are nearest, in the norm of the
+        mass matrix, to those of `set_velocity`, which are zero by default.
 
         Parameters
         ----------
