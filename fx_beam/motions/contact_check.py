@@ -452,10 +452,8 @@ def _with_losses(
     for joint in joints:
         for coordinate, joint_coordinate in joint.coordinates.items():
             name, stop = "slide" if coordinate == "slide" else "angle", joint_coordinate.stop
-            if stop is None or stop.restitution == 1:
-                continue
-            for sign, limit in ((1, stop.lower), (-1, stop.upper)):
-                if limit is not None:
+            if stop is not None and stop.restitution != 1:
+                for sign, limit in _limits(stop):
                     gap = sign * (getattr(solution.joint(joint), name) - limit)
                     yield str(joint), stop, gap[:, None]
 

@@ -214,9 +214,7 @@ class ChangingScene:
                     self._scene.remove(done.joint)
                 applied.append(name)
                 left = self._changes.items()
-                self._changes = {
-                    other: change for other, change in left if not is_over(change, done)
-                }
+                self._changes = {n: other for n, other in left if not is_over(other, done)}
         return applied
 
     def _relative_excess(self, run: Solution, change: Latch | Fuse) -> float:
@@ -225,9 +223,8 @@ class ChangingScene:
             return excess(change, joint_motion.force[-1]) / change.force
         slides = output_of(change).quantity == "slide"
         distance = excess(change, float((joint_motion.slide if slides else joint_motion.angle)[-1]))
-        return (
-            distance / (float(abs(run.X - run.X.mean(axis=0)).max()) or 1.0) if slides else distance
-        )
+        size = float(abs(run.X - run.X.mean(axis=0)).max()) or 1.0
+        return distance / size if slides else distance
 
 
 @attach_partial_result

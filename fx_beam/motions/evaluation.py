@@ -253,9 +253,8 @@ def at_times(
 
     for name, history in HISTORIES.items():
         if history.between and len(steps[name]):
-            histories[name] = (
-                linear(steps[name]) if history.between == "linear" else steps[name][row]
-            )
+            values = steps[name]
+            histories[name] = linear(values) if history.between == "linear" else values[row]
     for name in ("internal", "spring_internal", "natural"):
         if steps[name] is not None:
             histories[name] = linear(steps[name])
@@ -294,10 +293,8 @@ def _polynomials(t, q, v, unit, times, row, breaks, points: int) -> tuple[np.nda
 
 def _bend(ends, times, rates) -> tuple[np.ndarray, np.ndarray]:
     """Cubics at times (n,) with rates (2, n, ...) and no values at ends (2, n), and their rates."""
-    length = ends[1] - ends[0]
-    x, length = (
-        a.reshape(-1, *[1] * (rates.ndim - 2)) for a in ((times - ends[0]) / length, length)
-    )
+    shape, length = (-1, *[1] * (rates.ndim - 2)), ends[1] - ends[0]
+    x, length = (a.reshape(shape) for a in ((times - ends[0]) / length, length))
     value = length * x * (1 - x) * ((1 - x) * rates[0] - x * rates[1])
     return value, (1 - x) * (1 - 3 * x) * rates[0] + x * (3 * x - 2) * rates[1]
 

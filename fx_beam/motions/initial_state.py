@@ -349,9 +349,8 @@ def drawn_state(model: Model) -> State:
 
 def check_joints(model: Model, state: State, subject: str = "start: the solution") -> None:
     """Refuse a state that violates a joint."""
-    moved = {
-        (j.number, name): m for (j, name), m in zip(model.data.motors, state.motors, strict=True)
-    }
+    pairs = zip(model.data.motors, state.motors, strict=True)
+    moved = {(joint.number, name): position for (joint, name), position in pairs}
     motion = model.mesh.motion(model.scene, q=state.q[None])
     for joint in model.scene.joints:
         number, slide = joint.number, state.slides[joint.number : joint.number + 1]
@@ -549,9 +548,8 @@ def rates_with_slopes(
             for source, target in ((driven.values, rates.values), (driven.slopes, rates.slopes)):
                 target[model.prescribed[given]] = source[given]
         state_numbers = {"q": state.q, "v": rates, "slides": state.slides, "driven rates": driven}
-        duals = {
-            name: with_slopes(values, count) for name, values in (numbers | state_numbers).items()
-        }
+        known = (numbers | state_numbers).items()
+        duals = {name: with_slopes(values, count) for name, values in known}
         arrays = (duals[name].values[None] for name in state_numbers)
         fit = RateDerivatives(rate_fit(model), *arrays)
         changes = {name: np.moveaxis(dual.slopes, -1, 0) for name, dual in duals.items()}

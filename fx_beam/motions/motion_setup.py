@@ -569,16 +569,10 @@ def _come_and_gone(model: Model, start: Solution, state: State) -> float:
 
 def state_of(model: Model, start: Solution) -> State:
     """Last state of a solution as vectors; SceneError if it does not fit."""
-    state = (
-        TransferredState(model, start).state()
-        if initial_state.scene_has_changed(model, start)
-        else _same(model, start)
-    )
-    parameters = model.forms.parameters
-    state = replace(
-        state, parameters=parameters.values_at(before(state.t)) if len(parameters) else None
-    )
-    check_joints(model, state)
+    changed, known = initial_state.scene_has_changed(model, start), model.forms.parameters
+    state = TransferredState(model, start).state() if changed else _same(model, start)
+    values = known.values_at(before(state.t)) if len(known) else None
+    check_joints(model, state := replace(state, parameters=values))
     return state
 
 

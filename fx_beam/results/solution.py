@@ -658,7 +658,7 @@ class Solution:
         >>> fall.value(fb.Output("velocity", ball, "y")).round(3)
         array([ 0.   , -0.981, -1.962])
         """
-        quantities.check_has_rows(output, "Solution.value: output")
+        quantities.check_has_rows(output)
         place: Any = output.of
         name = output.quantity
         if isinstance(place, Scene):

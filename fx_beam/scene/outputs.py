@@ -291,14 +291,13 @@ def is_gear(place: object) -> bool:
     return hasattr(type(place), "terms")
 
 
-def check_has_rows(output: object, name: str) -> None:
+def check_has_rows(output: object) -> None:
     """Refuse what is no output, and single numbers of a whole path or motion."""
+    name = "Solution.value: output"
     require(isinstance(output, Output), name, output, "an fx_beam.Output")
     assert isinstance(output, Output)
-    expected = (
-        "one of rows: critical_load is that of a StaticResponse, period of a PeriodicResponse"
-    )
-    require(output.quantity not in SINGLE, name, str(output), expected)
+    owners = "critical_load is that of a StaticResponse, period of a PeriodicResponse"
+    require(output.quantity not in SINGLE, name, str(output), f"one of rows: {owners}")
 
 
 def check_differentiable(output: Output, name: str) -> None:

@@ -80,7 +80,8 @@ def remove_parts(scene, parts: Sequence[object]) -> None:
     for part in parts:
         _forget(scene, part)
     if any(isinstance(part, Joint) for part in parts):
-        _remove_gears(scene)
+        numbers = {joint.number for joint in scene.joints}
+        scene.gears[:] = [g for g in scene.gears if {t.joint.number for t in g.terms} <= numbers]
     beams = [part for part in parts if isinstance(part, Beam)]
     if beams:
         _remove_what_is_on(scene, beams)
@@ -96,12 +97,6 @@ def remove_parts(scene, parts: Sequence[object]) -> None:
     nodes += [node for body in bodies for node in body.nodes]
     if nodes:
         _remove_nodes(scene, nodes)
-
-
-def _remove_gears(scene) -> None:
-    """Take gears away whose joints are gone."""
-    numbers = {joint.number for joint in scene.joints}
-    scene.gears[:] = [g for g in scene.gears if {t.joint.number for t in g.terms} <= numbers]
 
 
 def _forget(scene, part: object) -> None:

@@ -1615,9 +1615,8 @@ class Scene:
             return
         loads.check_target(self, target, "velocity")
         carriers = target.carriers if isinstance(target, Beam) else ()
-        self.velocities += [
-            loads.initial_velocity(part, velocity, spin) for part in (target, *carriers)
-        ]
+        moving = (target, *carriers)
+        self.velocities += [loads.initial_velocity(part, velocity, spin) for part in moving]
 
     def set_rate(self, joint: Joint, rate: float) -> None:
         """Set the rate of a joint at t = 0.

@@ -456,10 +456,8 @@ class Pencil:
 
     def ritz_vectors(self, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rayleigh quotients in the span of vectors, their rounding errors, vectors of mass 1."""
-        vectors = (
-            vectors
-            @ scipy.linalg.eigh(vectors.T @ (self.K @ vectors), vectors.T @ (self.M @ vectors))[1]
-        )
+        stiffness, mass = (vectors.T @ (matrix @ vectors) for matrix in (self.K, self.M))
+        vectors = vectors @ scipy.linalg.eigh(stiffness, mass)[1]
         vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, self.M @ vectors))
         values = np.einsum("ij,ij->j", vectors, self.K @ vectors)
         sizes = np.einsum("ij,ij->j", abs(vectors), abs(self.K) @ abs(vectors))

@@ -120,25 +120,16 @@ class Forcing:
     def __init__(self, model: Model, data: SceneArrays | None = None):
         self.model, self.data = model, (data := data or model.data)
         scene = data.scene
-        self._driven = [
-            (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
-            for (node, component), function in scene.prescribed.items()
-        ]
-        self._driven += [(getattr(j, name).motor, f"motor of {j}") for j, name in data.motors]
+        #: The functions of time of prescribed motions and motors, and their names for messages.
+        self.functions: list[Signal] = [*scene.prescribed.values()]
+        self.functions += [getattr(joint, name).motor for joint, name in data.motors]
+        places = [f"{COMPONENTS[part]} of {scene.nodes[node]}" for node, part in scene.prescribed]
+        self.names = [f"prescribed {place}" for place in places]
+        self.names += [f"motor of {joint}" for joint, _ in data.motors]
         #: Which of them are inputs of a motion (driven,): these go straight in a step.
-        self.straight = np.array([function.ramps for function, _ in self._driven], dtype=bool)
+        self.straight = np.array([function.ramps for function in self.functions], dtype=bool)
         #: Numbers of those that are locked.
-        self._held = [i for i, (f, _) in enumerate(self._driven) if isinstance(f, Locked)]
-
-    @property
-    def functions(self) -> list[Signal]:
-        """The functions of time of prescribed motions and motors."""
-        return [function for function, _ in self._driven]
-
-    @property
-    def names(self) -> list[str]:
-        """Names of prescribed motions and motors, for messages."""
-        return [name for _, name in self._driven]
+        self._held = [i for i, f in enumerate(self.functions) if isinstance(f, Locked)]
 
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
@@ -148,7 +139,8 @@ class Forcing:
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) at a time [m, rad]."""
-        return np.array([evaluate(function, t, name)[0] for function, name in self._driven])
+        pairs = zip(self.functions, self.names, strict=True)
+        return np.array([evaluate(function, t, name)[0] for function, name in pairs])
 
     def natural(self, t: float) -> np.ndarray | None:
         """Natural strains (cells, degree, 3) at the end of a step [s]; None without any."""
@@ -160,7 +152,7 @@ class Forcing:
 
         Behind a jump at t, if there is one: it is a part of the first step.
         """
-        if not self._driven:
+        if not self.functions:
             return np.empty(0), np.empty(0)
         # One-sided differences of second order: a motion need not be defined before the start.
         # Differences to the start have no rounding error if the motion is constant.
@@ -188,7 +180,7 @@ class Forcing:
         By differences of order four; steps of negative length start at these times.
         """
         times = (ends[:, None] - lengths[:, None] / 8 * np.arange(5)).ravel()
-        positions = self.series(times).reshape(len(ends), 5, len(self._driven))
+        positions = self.series(times).reshape(len(ends), 5, len(self.functions))
         return 8 * _OF_DIFFERENCES @ (positions[:, 1:] - positions[:, :-1]) / lengths[:, None]
 
     def naturals(self, ends: np.ndarray) -> MaybeDual:
@@ -201,8 +193,8 @@ class Forcing:
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
-        arrays = self.data.scene.array_calls
-        positions = [signal.series(times, name, arrays) for signal, name in self._driven]
+        pairs, arrays = zip(self.functions, self.names, strict=True), self.data.scene.array_calls
+        positions = [signal.series(times, name, arrays) for signal, name in pairs]
         return np.concatenate([np.empty((len(times), 0)), *positions], axis=1)
 
     def current(self, state: State) -> np.ndarray:
@@ -213,11 +205,11 @@ class Forcing:
         """Let locked joints keep the coordinates of a state."""
         current = self.current(state)
         for i in self._held:
-            self._driven[i] = constant(current[i : i + 1].copy()), self._driven[i][1]
+            self.functions[i] = constant(current[i : i + 1].copy())
 
     def check_start(self, state: State) -> None:
         """Refuse prescribed motions and motors that would jump at the start."""
-        if not self._driven:
+        if not self.functions:
             return
         self.hold(state)
         positions = self.positions(state.t)
@@ -225,8 +217,8 @@ class Forcing:
         turns = [component == 2 for _, component in self.model.scene.prescribed]
         turns += [name == "rotation" for _, name in self.model.data.motors]
         allowed = 1e-9 * (np.where(turns, 1.0, self.model.mesh.size) + abs(positions))
-        for value, start, most, (_, name) in zip(
-            positions, self.current(state), allowed, self._driven, strict=True
+        for value, start, most, name in zip(
+            positions, self.current(state), allowed, self.names, strict=True
         ):
             if abs(value - start) > most:
                 raise SceneError(

@@ -332,18 +332,11 @@ class RecordInC:
         last, plan, record, _ = self._last
         if last() is not recorder or plan != recorder.plans:
             record = self._made(recorder)
-        record.first, record.last, record.parts, record.part = (
-            first,
-            recorder.grid.last,
-            parts,
-            done,
-        )
+        record.first, record.last = first, recorder.grid.last
+        record.parts, record.part = parts, done
         record.stores_starts, record.tape = stores, self._ffi.NULL
-        record.rows, record.starts, record.complete = (
-            recorder.rows,
-            recorder.starts.count,
-            recorder.starts.before_row(recorder.rows),
-        )
+        record.rows, record.starts = recorder.rows, recorder.starts.count
+        record.complete = recorder.starts.before_row(recorder.rows)
         return record
 
     def _made(self, recorder: Rows):

@@ -98,10 +98,8 @@ class StateVector:
     def load(self, state: State) -> None:
         """Write a state into the memory."""
         p, values = self._c, vars(state)
-        arrays = [
-            zeros if (array := values[name]) is None else array
-            for name, zeros in self._blank.items()
-        ]
+        pairs = ((values[name], zeros) for name, zeros in self._blank.items())
+        arrays = [zeros if array is None else array for array, zeros in pairs]
         np.concatenate(arrays, axis=None, out=self._of_state)
         if len(state.motors):
             self._driven[len(self._model.prescribed) :] = state.motors
@@ -145,9 +143,8 @@ class StateVector:
             return
         predictor.known = known = len(past.ages)
         predictor.orders[0:parts] = past.orders.tolist()
-        y = self._model.couplings.unknowns(past.differences, past.slides)[
-            :, : self._past[2].shape[1]
-        ]
+        y = self._model.couplings.unknowns(past.differences, past.slides)
+        y = y[:, : self._past[2].shape[1]]
         for values, rows in zip(self._past, (past.ages, past.differences, y), strict=True):
             values[:known] = rows
 

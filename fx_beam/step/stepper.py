@@ -387,9 +387,8 @@ class CompiledLoop:
         while total < number:
             rest = inputs.after(total) if total else inputs
             count = min(tape.most_steps, number - total)
-            count -= (
-                (record.part + count) % record.parts if count > record.parts else 0
-            )  # whole steps
+            if count > record.parts:  # whole steps
+                count -= (record.part + count) % record.parts
             taken = StepBlock(count, steps.dt, record.parts, record.part, rest, times[total:])
             record.tape = tape.keep_steps(taken)
             now, limits = self.problem.c.work.state.t, steps.limits(self.problem)

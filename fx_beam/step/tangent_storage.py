@@ -154,9 +154,8 @@ class TangentStorage:
         order = factors.order
         if self.inside:
             order = np.arange(len(order) + problem.c.tables.border.rows)
-        padding = np.concatenate(
-            [factors.padding, places_of_ones, places[tangent.ones], [place_of_one]]
-        )
+        places_of_ones = np.append(places_of_ones, places[tangent.ones])
+        padding = np.concatenate([factors.padding, places_of_ones, [place_of_one]])
         system = {
             "band": factors.band,
             "chain": factors.chain,
@@ -286,9 +285,8 @@ class TangentStorage:
     def tangent_places(self) -> np.ndarray:
         """Storage indices of the entries of `ReducedTangent.pattern`."""
         indptr, indices = self.pattern
-        return (
-            self._factors_of(indptr, indices).at if self.factors.band else np.arange(len(indices))
-        )
+        is_band = self.factors.band
+        return self._factors_of(indptr, indices).at if is_band else np.arange(len(indices))
 
 
 def alone_in_column(reduction: Reduction) -> np.ndarray:

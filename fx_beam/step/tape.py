@@ -43,13 +43,8 @@ class Checkpoint(NamedTuple):
         if (members := problem.model.points.members) is not None:
             members.forget()
         record = ffi.new("Record *")
-        record.every, record.first, record.last, record.parts, record.part = (
-            2**30,
-            1,
-            -1,
-            steps.parts,
-            steps.part,
-        )
+        record.every, record.first, record.last = 2**30, 1, -1
+        record.parts, record.part = steps.parts, steps.part
         record.tape, rows.increments = rows, pointer_to(ffi, self.increments)
         inputs = steps.inputs.in_c(ffi)
         problem.library.fx_repeat(p, steps.number, p.work.state.t, steps.dt, inputs, record)

@@ -187,12 +187,10 @@ def _refined(runs: _Runs, mesh: int, degree: int, tolerance: float) -> Converged
         step_error = max(step_error, step_before / _FASTEST)
         if mesh_error + step_error <= tolerance:
             finest = runs.value(2 * mesh, _FACTOR * step)
-            errors, used = (
-                (mesh_error + step_error, step_error, mesh_error),
-                (len(runs.values), runs.steps),
-            )
             result = finest if finest.ndim else float(finest)
-            return Converged(result, *errors, 2 * mesh, _FACTOR * step, *used, runs.last)
+            errors = mesh_error + step_error, step_error, mesh_error
+            numbers = 2 * mesh, _FACTOR * step, len(runs.values), runs.steps
+            return Converged(result, *errors, *numbers, runs.last)
         if mesh_error > step_error:
             mesh, mesh_before = 2 * mesh, mesh_error
         else:
