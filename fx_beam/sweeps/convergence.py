@@ -189,8 +189,8 @@ def _refined(runs: _Runs, mesh: int, degree: int, tolerance: float) -> Converged
             finest = runs.value(2 * mesh, _FACTOR * step)
             result = finest if finest.ndim else float(finest)
             errors = mesh_error + step_error, step_error, mesh_error
-            numbers = 2 * mesh, _FACTOR * step, len(runs.values), runs.steps
-            return Converged(result, *errors, *numbers, runs.last)
+            used = len(runs.values), runs.steps
+            return Converged(result, *errors, 2 * mesh, _FACTOR * step, *used, runs.last)
         if mesh_error > step_error:
             mesh, mesh_before = 2 * mesh, mesh_error
         else:
