@@ -170,9 +170,8 @@ def frame():
     scene.add_drag(post.end, linear=0.2, quadratic=0.3, rotation=0.05)
     scene.add_contact(bow, fb.Line((1.203, 1.1), normal=(-1, 0.2)), stiffness=1e3)
     scene.add_contact(bow.end, fb.Circle((1.3, 0.5), 0.6), 1e3, restitution=0.5, speed=0.1)
-    scene.add_force_between(
-        bow.end, (1.5, 1.6), spring=fb.Spring(20.0, rest=0.4), damper=fb.Damper(0.3)
-    )
+    laws = {"spring": fb.Spring(20.0, rest=0.4), "damper": fb.Damper(0.3)}
+    scene.add_force_between(bow.end, (1.5, 1.6), **laws)
     scene.set_velocity(bow, lambda x, y: (y - 1, 0.1 - x), spin=-0.2)
     scene.set_velocity(post, (0.0, 0.0))
     scene.make_velocities_compatible()
@@ -185,9 +184,7 @@ def linkage():
     times = {"retardation": (1e-3, 2e-3, 3e-3)}
     section = fb.Section(EA=1e4, GA=7e3, EI=20.0, rhoA=0.8, rhoI=1e-3, **times)
     rod = scene.add_beam([(0.5, 0.1), (1.5, 0.2)], section, elements=2)
-    body = scene.add_body(
-        (0.2, 0.1), mass=2.0, inertia=0.1, points={"pin": (0, 0), "end": (0.5, 0.1)}
-    )
+    body = scene.add_body((0.2, 0.1), 2.0, 0.1, points={"pin": (0, 0), "end": (0.5, 0.1)})
     scene.add_joint(
         fb.Revolute(
             fb.GROUND,

@@ -101,9 +101,7 @@ def build(numbers, units=(1.0, 1.0, 1.0), turn=0.0):
         a, b = vector(part["start"], L), vector(part["end"], L)
         if "section" in part:
             scales = F, F, F * L**2, M / L, M * L
-            section = fb.Section(
-                *(x * scale for x, scale in zip(part["section"], scales, strict=True))
-            )
+            section = fb.Section(*(x * y for x, y in zip(part["section"], scales, strict=True)))
             start = parent if number and part["kind"] == "welded" else a
             member = scene.add_beam(
                 [start, b], section, elements=part["elements"], degree=numbers["degree"]
@@ -178,9 +176,8 @@ def motion(numbers, units=(1.0, 1.0, 1.0), turn=0.0, split=False):
 def differences(seed, width=1.0):
     """Of a mechanism: its differences, relative to what is allowed, and the warnings it gave."""
     numbers, errors = random_numbers(seed, width), {}
-    size = max(
-        np.hypot(*np.ptp([[p["start"], p["end"]] for p in numbers["parts"]], axis=(0, 1))), 1e-9
-    )
+    ends = [[part["start"], part["end"]] for part in numbers["parts"]]
+    size = max(np.hypot(*np.ptp(ends, axis=(0, 1))), 1e-9)
     with warnings_of_the_package() as messages:
         q, errors["balance"] = motion(numbers)
         allowed = MOST * abs(q).max() + OF_SIZE * size

@@ -157,9 +157,8 @@ def test_critical_damping_does_not_depend_on_the_order_of_bodies_and_joints():
         for k in joints:
             pin = fb.Revolute(*every[k], friction=fb.Coulomb(0.1, 1e4, radius=0.1))
             number[f"joint {scene.add_joint(pin).number} rotation"] = k
-        scene.add_contact(
-            first.centre, fb.Line((0, -9), (0, 1)), 1e4, friction=fb.Coulomb(0.1, 1e4)
-        )
+        ground, friction = fb.Line((0, -9), (0, 1)), fb.Coulomb(0.1, 1e4)
+        scene.add_contact(first.centre, ground, 1e4, friction=friction)
         scene.add_force(last.centre, (3.0, 1.0))
         damping = fb.simulate(scene, dt=1e-4, t_end=1e-4).stats.friction_damping
         return [damping[key][0] for key in sorted(damping, key=lambda key: number.get(key, 9))]

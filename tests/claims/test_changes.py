@@ -7,15 +7,8 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import (
-    assert_refused,
-    clamped_bar,
-    held_body,
-    one_bar,
-    one_body,
-    pinned_bar,
-    supported_bar,
-)
+import scenes
+from scenes import assert_refused, clamped_bar, held_body, one_bar, one_body, pinned_bar
 
 import fx_beam as fb
 
@@ -493,7 +486,9 @@ def test_driven_motions_go_on_from_where_they_are():
 def test_arc_length_goes_on_from_a_prestressed_state():
     """A shallow arch, prestressed by heat-like thrust, snaps through: both ways end alike."""
     section = fb.Section(EA=1e5, GA=5e4, EI=1.0)
-    arch, beam = supported_bar([(0, 0), (1, 0.05), (2, 0)], section, elements=[4, 4], degree=2)
+    arch, beam = scenes.supported_bar(
+        [(0, 0), (1, 0.05), (2, 0)], section, elements=[4, 4], degree=2
+    )
     arch.add_force(beam.end, (-5.0, 0.0))
     first = fb.static(arch)
     arch.fix(beam.end, "x")

@@ -8,16 +8,9 @@ import ufl
 
 import numpy as np
 import pytest
+import scenes
 from derivatives import difference
-from scenes import (
-    assert_refused,
-    clamped_bar,
-    held_body,
-    hinged_body,
-    one_bar,
-    one_body,
-    pinned_bar,
-)
+from scenes import assert_refused, clamped_bar, held_body, one_bar, one_body, pinned_bar
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -95,9 +88,8 @@ def test_a_bounce_has_the_time_depth_and_momentum_of_the_closed_solution(kind):
     assert inside[-1] - inside[0] == pytest.approx(math.pi / math.sqrt(k), abs=2e-4)
     assert y.min() == pytest.approx(-v / math.sqrt(k), rel=1e-4)
     assert solution.velocity(node)[-1, 1] == pytest.approx(v, rel=1e-12)
-    force = (
-        solution.joint(it).force[:, 1] if kind == "stop" else solution.contact(it).force[:, 0, 1]
-    )
+    forces = (solution.joint if kind == "stop" else solution.contact)(it).force
+    force = forces[:, 1] if kind == "stop" else forces[:, 0, 1]
     # The force of a row is the mean over its step, and of what the gap is on the way.
     assert abs(force.sum()) * 1e-4 == pytest.approx(2 * v, rel=1e-10)
     way = y[:-1, None] + np.diff(y)[:, None] * np.linspace(0, 1, 2001)
@@ -666,7 +658,7 @@ def test_how_deep_a_ball_lies_is_measured_by_both_radii(stiffness, says, caplog)
 
 
 def test_a_point_whose_rows_lie_on_both_sides_of_a_circle_has_not_gone_through(caplog):
-    scene, body, _ = hinged_body((1.0, 0.0), 1.0, 1.0, {"hub": (0, 0)})
+    scene, body, _ = scenes.hinged_body((1.0, 0.0), 1.0, 1.0, {"hub": (0, 0)})
     scene.set_velocity(body, (0.0, 1.0), spin=1.0)
     scene.add_contact(body.centre, fb.Circle((0, 0), 0.8), stiffness=1e3)
     fb.simulate(scene, dt=np.pi / 100, t_end=2 * np.pi, record=fb.Record(every=100))

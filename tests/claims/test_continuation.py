@@ -163,9 +163,8 @@ def test_a_contact_that_closes_on_the_path_may_stick_or_slip(axial):
     scene.add_force(beam.end, (0.0, -20.0))
     if axial is not None:
         scene.add_natural_strain(beam, axial=axial)
-    ends = [
-        fb.static(scene, continuation=way).position(beam.end)[-1] for way in (None, "arc-length")
-    ]
+    ways = None, "arc-length"
+    ends = [fb.static(scene, continuation=way).position(beam.end)[-1] for way in ways]
     assert abs(ends[1] - ends[0]).max() < 1e-5
 
 

@@ -405,9 +405,8 @@ def test_a_column_that_hardens_buckles_at_its_tangent_modulus_load(how):
             new.append(x + ufl.sign(trial) * more)
         return new
 
-    section = fb.Section(
-        strain_energy=energy, internal=fb.InternalVariables(("one", "other"), flow)
-    )
+    variables = fb.InternalVariables(("one", "other"), flow)
+    section = fb.Section(strain_energy=energy, internal=variables)
     scene, beam = supported_bar((0, 1), section, 8, 2, held="x", load=(0, -0.5 * euler))
     path = fb.static(scene, load_steps=7, continuation=how)
     (point,) = path.critical_points

@@ -92,9 +92,8 @@ def errors(make, k, tolerance, order, times=None, **options):
     scene, node = make(k)
     record = None if times is None else fb.Record(times=times)
     scheme = fb.EnergyMomentum(order)
-    solution = fb.simulate(
-        scene, scheme, t_end=T_END, tolerance=tolerance, record=record, **options
-    )
+    options |= {"tolerance": tolerance, "record": record}
+    solution = fb.simulate(scene, scheme, t_end=T_END, **options)
     y, u = exact(solution.t, k)
     place, velocity = solution.position(node)[:, 1], solution.velocity(node)[:, 1]
     return abs(place - y).max(), abs(velocity - u).max(), solution

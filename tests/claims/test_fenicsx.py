@@ -280,9 +280,8 @@ def test_replaced_resultants_are_those_of_a_scheme_of_ones_own(degree):
     here, there = (motion.resultants(first) for motion in (solution, engine))
     for name in "NQM":
         values = getattr(there, name)
-        np.testing.assert_allclose(
-            getattr(here, name), values, rtol=0, atol=1e-8 * abs(values).max()
-        )
+        allowed = 1e-8 * abs(values).max()
+        np.testing.assert_allclose(getattr(here, name), values, rtol=0, atol=allowed)
     assert abs(solution.energy.balance_error).max() < 1e-11
 
 

@@ -80,9 +80,8 @@ def test_a_frame_has_the_displacements_and_forces_of_its_stiffness_matrix(factor
     for k in (0, 4):
         computed = solution.reaction(beams.nodes[k])[-1] / factor
         assert computed == pytest.approx(reactions[k], abs=1e-8 * abs(reactions).max())
-    N, Q, M = (
-        values[0] for values in along_all(solution, "NQM", [1], np.array([0.0, 1.0])).values()
-    )
+    ends_of_element = np.array([0.0, 1.0])
+    N, Q, M = (values[0] for values in along_all(solution, "NQM", [1], ends_of_element).values())
     for member, (n1, q1, m1, n2, q2, m2) in enumerate(ends):
         first, last = 2 * member, 2 * member + 1
         size = 1e-8 * abs(ends).max()
@@ -149,9 +148,8 @@ def test_stiff_members_between_bodies_and_joints_are_in_balance_under_loads_insi
     ends = solution.resultants(arm).at(np.array([0.0, 5.0]))
     along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
     assert ends.M[-1, 1] == pytest.approx(0.0, abs=size)
-    assert [ends.N[-1, 1], ends.Q[-1, 1]] == pytest.approx(
-        [along @ pin[:2], across @ pin[:2]], abs=size
-    )
+    expected = [along @ pin[:2], across @ pin[:2]]
+    assert [ends.N[-1, 1], ends.Q[-1, 1]] == pytest.approx(expected, abs=size)
 
 
 def test_energies_are_half_the_work_of_the_full_loads():
@@ -225,9 +223,8 @@ def test_a_taut_line_on_an_arm_is_a_load_in_the_shape_as_it_is_drawn(body_first)
     assert w == pytest.approx(F * (L**3 / (3 * EI) + L / GA), rel=1e-5)
     assert u == pytest.approx(T / (EA / L + k), rel=1e-5)
     assert solution.joint(line).force[-1] == pytest.approx(pull, rel=1e-6)
-    assert solution.joint(joint).force[-1, 0] == pytest.approx(
-        (1, -1)[body_first] * -pull, rel=1e-6
-    )
+    expected = (1, -1)[body_first] * -pull
+    assert solution.joint(joint).force[-1, 0] == pytest.approx(expected, rel=1e-6)
     assert solution.reaction(beam.start)[-1] == pytest.approx([-pull, -F, -F * L], rel=1e-5)
     assert solution.energy.springs == pytest.approx([pull**2 / (2 * k)] * 2, rel=1e-3)
 

@@ -34,9 +34,8 @@ def workshop():
     scene.fix(ball.centre, "x", "rotation")
     scene.set_velocity(ball, (0, -1.0))
     floor = scene.add_contact(ball.centre, fb.Line((0, 0), normal=(0, 1)), 300.0)
-    rail = fb.Prismatic(
-        fb.GROUND, cart.centre, axis=(1, 0), motor=lambda t: 0.2 * np.sin(9 * t) ** 2
-    )
+    drive = lambda t: 0.2 * np.sin(9 * t) ** 2  # noqa: E731
+    rail = fb.Prismatic(fb.GROUND, cart.centre, axis=(1, 0), motor=drive)
     rail = scene.add_joint(rail)
     scene.fix(pusher.centre, "y", "rotation")
     scene.prescribe(pusher.centre, x=lambda t: 0.1 * np.sin(9 * t) ** 2)

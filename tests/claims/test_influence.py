@@ -127,9 +127,8 @@ def test_lines_are_statics_of_one_force_after_the_other(degree):
         linear = fb.static(scene, linear=True)
         for name, output in outputs.items():
             before, after = linear.value(output)
-            assert lines.values[name][k] == pytest.approx(
-                after - before, abs=1e-7 * largest[name]
-            ), name
+            allowed = 1e-7 * largest[name]
+            assert lines.values[name][k] == pytest.approx(after - before, abs=allowed), name
 
 
 def test_what_has_no_influence_lines_is_refused():

@@ -79,9 +79,8 @@ def test_rounding_at_the_start_of_a_motion_is_none_in_any_unit(size):
         scene.add_joint(
             fb.Prismatic(fb.GROUND, beam.start, (1, 0), motor=lambda t: size * (start + t**2))
         )
-        scene.add_joint(
-            fb.Revolute(beam.end, other.end, (-size, size), motor=lambda t: start + t**2)
-        )
+        turn = lambda t: start + t**2  # noqa: E731
+        scene.add_joint(fb.Revolute(beam.end, other.end, (-size, size), motor=turn))
         scene.prescribe(beam.end, y=lambda t: size * (start - t**2))
         return scene
 

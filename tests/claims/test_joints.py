@@ -1,20 +1,9 @@
 """What joints keep: unknowns, gaps, energy and momenta, and the laws of Newton."""
 
+import jointed
 import numpy as np
 import pytest
-from jointed import (
-    BENDING,
-    KINDS,
-    MEMBER,
-    SLIDING,
-    UNFITTED,
-    W,
-    drift,
-    momenta,
-    pair,
-    throw,
-    thrown,
-)
+from jointed import BENDING, KINDS, MEMBER, SLIDING, W, drift, momenta, pair, throw, thrown
 from scenes import one_bar
 
 import fx_beam as fb
@@ -171,7 +160,7 @@ def test_the_impulse_of_the_joint_is_what_changes_the_momenta_of_a_member(kind, 
         for beam in (first, second):
             scene.set_velocity(beam, lambda x, y: (1.0 - y, 2.0 + x), spin=1.0)
     dt = 0.01
-    solution = fb.simulate(scene, UNFITTED, dt=dt, t_end=0.2)
+    solution = fb.simulate(scene, jointed.UNFITTED, dt=dt, t_end=0.2)
     force = solution.joint(joint).force[1:]
     support = solution.reaction(second.start)[1:]
     for beam, node, sign in ((second, joint.b, 1), (first, joint.a, -1)):
@@ -231,9 +220,8 @@ def test_schemes_are_of_second_order_with_joints_springs_and_dampers(scheme):
     laws = {"spring": fb.Spring(9.0, rest=0.1), "damper": fb.Damper(2.0)}
 
     def end(dt):
-        scene, first, second, joint = pair(
-            "prismatic with offset", 1, (0, -9.81), section=stout, **laws
-        )
+        kind = "prismatic with offset"
+        scene, first, second, joint = pair(kind, 1, (0, -9.81), section=stout, **laws)
         scene.add_joint(fb.Revolute(fb.GROUND, first.start, **laws))
         tip = second.end.x, second.end.y
         bob = scene.add_beam([tip, (tip[0] + 0.3, tip[1] + 0.5)], stout, elements=1)

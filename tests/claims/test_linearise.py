@@ -137,9 +137,8 @@ def test_rates_of_motors_and_prescribed_motions_are_inputs():
     assert errors[0].max() < 0.1
     assert (errors[1] < np.maximum(0.2 * errors[0], 1e-4)).all()
     x = system.deviation(moved)
-    assert system.C @ x + system.D @ rates[-1] * size == pytest.approx(
-        seen[-1] * size, abs=1e-2 * size
-    )
+    expected = seen[-1] * size
+    assert system.C @ x + system.D @ rates[-1] * size == pytest.approx(expected, abs=1e-2 * size)
 
 
 def errors_of_systems(scene, outputs, name, place_of_step, first, means, rates, **held):
@@ -260,9 +259,8 @@ def test_rods_in_motion_have_the_roots_of_lagranges_equations(count):
     laws = {"spring": 2.0, "damper": 0.3}
     scene, centres = rods_in_a_row(count, **laws)
     swing = fb.simulate(scene, dt=5e-3, t_end=0.4)
-    angle, rate = (
-        np.array([rows[-1, c.number, 2] for c in centres]) for rows in (swing.q, swing.v)
-    )
+    numbers = [centre.number for centre in centres]
+    angle, rate = (rows[-1, numbers, 2] for rows in (swing.q, swing.v))
     assert abs(rate).max() > 1
     moments, still = balance_of_rods(count, **laws), np.zeros(count)
     M = by_complex_steps(lambda x: moments(angle, rate, x), still)
@@ -523,9 +521,8 @@ def test_at_a_critical_point_pulls_act_with_their_load_factor():
     for state, roots in ((point.solution, [-1.5, 0]), (path, [-4, 1]), (None, [-1.5, -1.5])):
         computed = np.linalg.eigvals(fb.linearise(scene, state).A)
         assert np.sort(computed.real) == pytest.approx(roots, abs=1e-5)
-        assert abs(computed.imag).max() == pytest.approx(
-            7**0.5 / 2 if state is None else 0, abs=1e-5
-        )
+        expected = 7**0.5 / 2 if state is None else 0
+        assert abs(computed.imag).max() == pytest.approx(expected, abs=1e-5)
         (mode,) = fb.modes(scene, state, n=1).eigenvalues
         assert abs(computed - mode).min() < 1e-5
 

@@ -351,9 +351,8 @@ def test_a_function_that_reduces_arrays_is_seen_also_if_it_is_zero_at_the_start(
         scene, beam = clamped_bar((1, 0), section, elements=6)
 
         def moving(s, t):
-            return 0.3 * np.sum(
-                [np.maximum(0.0, 1 - 9 * abs(profile(s) - t + d)) for d in (0.2, 0.5)]
-            )
+            place = profile(s) - t
+            return 0.3 * np.sum([np.maximum(0.0, 1 - 9 * abs(place + d)) for d in (0.2, 0.5)])
 
         if name == "line load":
             load = {"of": "arc length and time"}
@@ -437,9 +436,8 @@ def test_the_work_counted_is_the_force_along_the_mean_section_times_the_path(sch
     psi = solution.rotation(beam.end)
     mean = (psi[1:] + psi[:-1]) / 2
     f = (80 * np.cos(9 * solution.t[1:]) + 80 * np.cos(9 * solution.t[:-1])) / 2
-    force = np.column_stack(
-        [30 * np.cos(mean) - f * np.sin(mean), 30 * np.sin(mean) + f * np.cos(mean)]
-    )
+    c, s = np.cos(mean), np.sin(mean)
+    force = np.column_stack([30 * c - f * s, 30 * s + f * c])
     path = np.diff(solution.position(beam.end), axis=0)
     work = np.concatenate([[0], np.cumsum((force * path).sum(axis=1))])
     assert abs(work).max() > 1

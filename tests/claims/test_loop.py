@@ -153,9 +153,8 @@ assert not logging.getLogger().handlers
     def run():
         environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "CC": str(quick)}
         command = [sys.executable, "-c", script]
-        done = subprocess.run(
-            command, env=environment, check=True, stdout=subprocess.PIPE, text=True
-        )
+        options = {"env": environment, "check": True, "stdout": subprocess.PIPE, "text": True}
+        done = subprocess.run(command, **options)
         return done.stdout
 
     first = run()

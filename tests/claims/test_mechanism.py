@@ -179,9 +179,8 @@ def can_move(scene, at_rest):
 
     for link in links:
         (start, _), (stop, _) = end(link.start), end(link.end)
-        rows.append(
-            np.array([link.end.x - link.start.x, link.end.y - link.start.y]) @ (stop - start)
-        )
+        along = np.array([link.end.x - link.start.x, link.end.y - link.start.y])
+        rows.append(along @ (stop - start))
         if not at_rest and link.section is HEAVY:
             rows += [*start, *stop]
     for number, component in scene.fixed:

@@ -456,9 +456,8 @@ def above(gap, friction):
 @pytest.mark.parametrize("damped", [False, True])
 def test_friction_of_open_contact_has_no_part_in_derivatives(state, damped):
     friction = fb.Coulomb(0.3, 1e3)
-    runs = [
-        fb.ModalResponse(above(0.5, law), 3, state=state, damped=damped) for law in (None, friction)
-    ]
+    options = {"state": state, "damped": damped}
+    runs = [fb.ModalResponse(above(0.5, law), 3, **options) for law in (None, friction)]
     (w, J), (same, by_x) = ((run(np.ones(3)), run.jacobian()) for run in runs)
     assert same == pytest.approx(w, rel=1e-9, abs=1e-12)
     assert by_x == pytest.approx(J, rel=0, abs=1e-9 * abs(J).max())
@@ -470,9 +469,8 @@ def test_where_all_modes_are_rigid_nothing_changes(damped):
 
     def build(x):
         scene = fb.Scene()
-        scene.add_beam(
-            [(0, 0), (x[2], 0)], fb.Section(EA=1e4, GA=1e4, EI=x[0], rhoA=x[1]), elements=1
-        )
+        section = fb.Section(EA=1e4, GA=1e4, EI=x[0], rhoA=x[1])
+        scene.add_beam([(0, 0), (x[2], 0)], section, elements=1)
         return scene
 
     run = fb.ModalResponse(build, n=3, damped=damped)

@@ -275,9 +275,8 @@ def sleeves():
     data = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0}
     scene, rail = clamped_bar((1, 0), fb.Section(**data), elements=4)
     for place in (0.305, 0.61):
-        mast = scene.add_beam(
-            [(place, 0), (place + 0.2, 1)], fb.Section(rhoI=0.01, **data), elements=3
-        )
+        section = fb.Section(rhoI=0.01, **data)
+        mast = scene.add_beam([(place, 0), (place + 0.2, 1)], section, elements=3)
         scene.add_joint(fb.Sleeve(rail, mast.start, spring=fb.Spring(100.0, rest=place)))
     return scene
 
@@ -461,9 +460,8 @@ def test_a_node_on_a_bent_beam_is_where_it_slid_though_its_joint_has_another_num
 
     (scene, state), (_, other_state) = build(held=False), build(held=True)
     expected = fb.modes(scene, state, n=3).angular_frequencies
-    assert fb.modes(scene, other_state, n=3).angular_frequencies == pytest.approx(
-        expected, rel=1e-9
-    )
+    computed = fb.modes(scene, other_state, n=3).angular_frequencies
+    assert computed == pytest.approx(expected, rel=1e-9)
 
 
 # -- A shaken ground ------------------------------------------------------------------------------

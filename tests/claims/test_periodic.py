@@ -71,9 +71,8 @@ def pinned(slenderness, elements):
 
 def pendulum():
     """A mass on a bar that is nearly rigid, released at 90 degrees."""
-    scene, bar = pinned_bar(
-        (1, 0), fb.Section(EA=1e7, GA=1e7, EI=1e7), elements=1, gravity=(0, -9.81)
-    )
+    section = fb.Section(EA=1e7, GA=1e7, EI=1e7)
+    scene, bar = pinned_bar((1, 0), section, elements=1, gravity=(0, -9.81))
     scene.add_mass(bar.end, 1.0)
     return scene, bar
 
@@ -467,9 +466,8 @@ def test_a_cycle_that_a_force_drives_is_unstable_or_stable_in_all_units(sense, k
         cycle = cycle_of_van_der_pol(sense, 0.3, unit, damped)
         assert cycle.instability == kind
         # Liouville: the other multiplier is e^(mean divergence times the period).
-        assert np.prod(cycle.multipliers) == pytest.approx(
-            math.exp(sense * 0.6 * math.pi), rel=0.05
-        )
+        expected = math.exp(sense * 0.6 * math.pi)
+        assert np.prod(cycle.multipliers) == pytest.approx(expected, rel=0.05)
 
 
 def test_a_weak_cycle_of_a_force_and_a_damper_is_no_family():

@@ -297,9 +297,8 @@ def test_what_a_scheme_remembers_of_the_step_before_is_followed():
         return fb.periodic(scene, scheme=scheme, period=2.5, steps=21, tolerance=1e-12)
 
     # With shorter differences the rounding errors of normal forces are as large as the tolerance.
-    assert_orbit_slopes(
-        fb.PeriodicResponse(build, motion), [1.0, 1.0, 1.0, 0.3, 0.1], 1e-7, part=1e-3
-    )
+    run = fb.PeriodicResponse(build, motion)
+    assert_orbit_slopes(run, [1.0, 1.0, 1.0, 0.3, 0.1], 1e-7, part=1e-3)
 
 
 def test_a_driven_linkage_whose_loop_changes_its_form_has_exact_derivatives():

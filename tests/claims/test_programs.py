@@ -28,9 +28,8 @@ def digest(solution) -> str:
         parts += [resultants.N, resultants.Q, resultants.M]
     end = vars(solution.end)
     parts += [end[name] for name in sorted(end) if isinstance(end[name], np.ndarray)]
-    return hashlib.sha256(
-        b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
-    ).hexdigest()
+    contents = (np.ascontiguousarray(part).tobytes() for part in parts)
+    return hashlib.sha256(b"".join(contents)).hexdigest()
 
 
 def arrays_in(thing: object, known: set[int], path: str = "") -> Iterator[tuple[str, np.ndarray]]:
@@ -104,9 +103,8 @@ def test_derivatives_are_the_same_whatever_other_responses_do(name):
 
     def response():
         how = {"dt": case.dt, "t_end": STEPS * case.dt, "newton": EXACT}
-        return fb.Response(
-            lambda x: ((scene := case.build(x)), outputs_of(scene)), case.scheme(), **how
-        )
+        build = lambda x: ((scene := case.build(x)), outputs_of(scene))  # noqa: E731
+        return fb.Response(build, case.scheme(), **how)
 
     expected = {}
     for k, x in enumerate((ONES, OTHERS)):
@@ -128,9 +126,8 @@ def test_ten_threads_have_the_bits_of_one():
 
     def run(name, x):
         case = SCENES[name]
-        return fb.simulate(
-            case.build(np.array(x)), case.scheme(), dt=case.dt, t_end=STEPS * case.dt
-        )
+        scene = case.build(np.array(x))
+        return fb.simulate(scene, case.scheme(), dt=case.dt, t_end=STEPS * case.dt)
 
     expected = {case: digest(run(*case)) for case in cases}
     wrong, errors = [], []

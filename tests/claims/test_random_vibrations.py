@@ -65,9 +65,8 @@ def scene_of(x, seed):
             case 2:
                 scene.add_drag(beam, linear=0.5 * x[1], quadratic=x[2])
             case 3:
-                scene.add_line_load(
-                    beam, lambda s, t: (x[0] * t, x[1] * s), of="arc length and time"
-                )
+                load = lambda s, t: (x[0] * t, x[1] * s)  # noqa: E731
+                scene.add_line_load(beam, load, of="arc length and time")
             case 4:
                 loss = {"restitution": 0.5, "speed": 0.3}
                 scene.add_contact(mast.end, fb.Line((0, 0.9), (0, 1)), stiffness=500 * x[1], **loss)

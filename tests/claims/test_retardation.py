@@ -100,9 +100,8 @@ def test_the_balance_closes_and_every_step_loses(degree, section, dt):
 
 
 def test_the_newmark_family_loses_by_the_material():
-    scene, _ = pinned_beam(
-        section=fb.Section(EA=4e5, GA=1e5, EI=1.3e7, rhoA=0.05, retardation=0.01)
-    )
+    section = fb.Section(EA=4e5, GA=1e5, EI=1.3e7, rhoA=0.05, retardation=0.01)
+    scene, _ = pinned_beam(section=section)
     solution = fb.simulate(scene, fb.Newmark(), dt=0.005, t_end=0.2)
     assert np.diff(solution.energy.dissipated).min() >= 0
     loss = solution.energy.total[0] - solution.energy.total[-1]

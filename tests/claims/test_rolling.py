@@ -80,9 +80,8 @@ def bowl(amplitude, stiffness=1e7, elements=40):
     scene = fb.Scene(gravity=(0, -G))
     far = (1 + r) / np.cos(turn / elements)  # the member runs through the middles of elements
     angle = turn * np.linspace(-1, 1, elements + 1)
-    deck = held_deck(
-        scene, far * np.column_stack([np.sin(angle), -np.cos(angle)]), elements=elements
-    )
+    points = far * np.column_stack([np.sin(angle), -np.cos(angle)])
+    deck = held_deck(scene, points, elements=elements)
     place = (1 - R - 1e-6) * np.array([np.sin(amplitude), -np.cos(amplitude)])
     wheel = wheel_at(scene, place, R)
     law = {"radius": (R, r), "friction": fb.Coulomb(2.0, stiffness)}

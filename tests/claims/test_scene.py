@@ -145,9 +145,8 @@ def test_every_beam_lies_at_its_points_and_moves_there_as_a_whole(degree):
     centres = np.array([(10, 8), (1, 1), (-2, 3), (2, 0)])
     for group, w, c in zip(groups, spins, centres, strict=True):
         for beam in group:
-            scene.set_velocity(
-                beam, lambda x, y, w=w, c=c: (w * (c[1] - y), w * (x - c[0])), spin=w
-            )
+            turning = lambda x, y, w=w, c=c: (w * (c[1] - y), w * (x - c[0]))  # noqa: E731
+            scene.set_velocity(beam, turning, spin=w)
     dt = 1e-4
     solution = fb.simulate(scene, dt=dt, t_end=dt)
     for group, w, c in zip(groups, spins, centres, strict=True):

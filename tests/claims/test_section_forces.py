@@ -135,9 +135,7 @@ def test_a_couple_on_a_node_is_the_jump_of_the_moment_there():
 def moved(scheme, record=None, **options):
     """A clamped frame of two beams with gravity, drag, loads, damping and a mass at a corner."""
     section = fb.Section(EA=1e5, GA=1e5, EI=500.0, rhoA=2.0, rhoI=0.05, retardation=1e-3)
-    scene, arm = clamped_bar(
-        (1, 0.4), section, elements=3, name="arm", **options, gravity=(0.0, -9.81)
-    )
+    scene, arm = clamped_bar((1, 0.4), section, 3, name="arm", **options, gravity=(0.0, -9.81))
     leg = scene.add_beam([arm.end, (1.5, -0.2)], section, elements=2, name="leg", **options)
     scene.add_mass(arm.end, 1.0, 0.02)
     scene.add_line_load(arm, lambda t: (0.0, 30 * np.sin(9 * t)), between=(0.2, 0.8))

@@ -1,16 +1,9 @@
 """Section forces at places as outputs: closed forms, the balance of elements, and derivatives."""
 
+import derivatives
 import numpy as np
 import pytest
-from derivatives import (
-    EXACT,
-    assert_both_ways_agree,
-    assert_derivatives,
-    assert_orbit_slopes,
-    assert_they_are_those_of_the_motion,
-    difference,
-    size_of,
-)
+from derivatives import EXACT, assert_both_ways_agree, assert_derivatives, difference, size_of
 from registry import ONES, SCENES
 from scenes import assert_refused, clamped_bar, pinned_bar
 
@@ -122,7 +115,7 @@ def test_derivatives_are_those_of_the_motion(name):
     _, y = run(ONES)
     J = run.jacobian()
     assert_both_ways_agree(run, y, J)
-    assert_they_are_those_of_the_motion(run, ONES, J)
+    derivatives.assert_they_are_those_of_the_motion(run, ONES, J)
 
 
 @pytest.mark.parametrize("kind", [fb.Response, fb.StaticResponse])
@@ -239,7 +232,7 @@ def test_periodic_motions_have_derivatives():
     run = fb.PeriodicResponse(
         build, lambda scene: fb.periodic(scene, period=1.0, steps=31, tolerance=1e-12)
     )
-    assert_orbit_slopes(run, [1.0, 0.7], 1e-5, multipliers=False)
+    derivatives.assert_orbit_slopes(run, [1.0, 0.7], 1e-5, multipliers=False)
 
 
 # -- What is refused ------------------------------------------------------------------------------

@@ -4,17 +4,10 @@ import ufl
 
 import numpy as np
 import pytest
+import scenes
 import scipy.optimize
 from jointed import four_bar
-from scenes import (
-    assert_refused,
-    clamped_bar,
-    held_body,
-    hinged_body,
-    one_body,
-    pinned_bar,
-    supported_bar,
-)
+from scenes import assert_refused, clamped_bar, held_body, hinged_body, one_body, pinned_bar
 
 import fx_beam as fb
 
@@ -92,9 +85,7 @@ def test_an_arm_hangs_with_a_force_of_ones_own_as_with_a_load(wind, how):
     if wind:
         scene.add_virtual_work(lambda step: wind * step.load_factor * step.virtual_u[0])
         loaded.add_line_load(other, (wind, 0.0))
-    computed, exact = (
-        fb.static(variant, load_steps=5, continuation=how) for variant in (scene, loaded)
-    )
+    computed, exact = (fb.static(it, load_steps=5, continuation=how) for it in (scene, loaded))
     assert computed.load_factor[[0, -1]].tolist() == exact.load_factor[[0, -1]].tolist() == [0.2, 1]
     assert computed.position(arm.end)[-1] == pytest.approx(exact.position(other.end)[-1], abs=1e-9)
 
@@ -242,7 +233,7 @@ def test_a_wheel_settles_on_a_beam_from_every_height(gap):
 
     def place_of_wheel(gap):
         section = fb.Section(EA=1e5, GA=4e4, EI=20.0, rhoA=1.0, rhoI=1e-3)
-        scene, beam = supported_bar((1, 0), section, elements=10, gravity=(0, -9.81))
+        scene, beam = scenes.supported_bar((1, 0), section, elements=10, gravity=(0, -9.81))
         wheel = scene.add_body((0.5, 0.1 + gap), mass=2.0, inertia=0.01).centre
         scene.fix(wheel, "x", "rotation")
         scene.add_contact(beam, fb.Circle(wheel, 0.1), stiffness=1e5)
@@ -262,9 +253,8 @@ QUARTIC = fb.Spring(strain_energy=lambda x: 50 * x**4)
     ("spring", "moment"), [(PLAY, lambda a: 100 * (a + 0.1)), (QUARTIC, lambda a: 200 * a**3)]
 )
 def test_an_arm_on_a_spring_without_stiffness_at_rest_finds_its_balance(spring, moment, how):
-    scene, arm, hinge = hinged_body(
-        (0.5, 0), 2.0, 0.1, {"pin": (0, 0)}, spring=spring, gravity=(0, -G)
-    )
+    options = {"spring": spring, "gravity": (0, -G)}
+    scene, arm, hinge = hinged_body((0.5, 0), 2.0, 0.1, {"pin": (0, 0)}, **options)
     path = fb.static(scene, load_steps=4, continuation=how)
     exact = scipy.optimize.brentq(lambda a: moment(a) + 2.0 * G * 0.5 * np.cos(a), -1.0, 0.0)
     assert path.joint(hinge).angle[-1] == pytest.approx(exact, rel=1e-6)

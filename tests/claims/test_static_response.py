@@ -2,15 +2,10 @@
 
 import ufl
 
+import derivatives
 import numpy as np
 import pytest
-from derivatives import (
-    EXACT,
-    assert_both_ways_agree,
-    assert_derivatives,
-    assert_they_are_those_of_the_motion,
-    outputs_of,
-)
+from derivatives import EXACT, assert_both_ways_agree, assert_derivatives, outputs_of
 from jointed import KINDS, MEMBER
 from scenes import (
     EI,
@@ -328,9 +323,7 @@ def with_outputs(build, *without):
         scene = build(x)
         outputs = outputs_of(scene, [*SCENES.get(build, ()), *without])
         rests = () if build is released else AT_REST
-        return scene, {
-            name: output for name, output in outputs.items() if output.quantity not in rests
-        }
+        return scene, {name: it for name, it in outputs.items() if it.quantity not in rests}
 
     return observed
 
@@ -361,7 +354,7 @@ def test_a_motion_from_an_equilibrium_takes_its_derivatives_without_further_equi
     J = run.jacobian()
     assert_both_ways_agree(run, y, J)
     assert count[0] == 1  # that of the motion, which derivatives do not repeat
-    assert_they_are_those_of_the_motion(run, X, J)
+    derivatives.assert_they_are_those_of_the_motion(run, X, J)
 
 
 def test_a_start_that_goes_on_from_another_equilibrium():

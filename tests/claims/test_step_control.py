@@ -237,9 +237,8 @@ def test_a_flywheel_with_play_keeps_the_tolerance_in_radians(order):
         solution = fb.simulate(scene, fb.EnergyMomentum(order), t_end=0.5, tolerance=tolerance)
         phase = (solution.t - free / 2) % (2 * (free + half))
         since_impact = phase % (free + half)
-        inside = play + w0 / np.sqrt(k / J) * np.sin(
-            np.minimum(since_impact, half) * np.sqrt(k / J)
-        )
+        rate = np.sqrt(k / J)
+        inside = play + w0 / rate * np.sin(np.minimum(since_impact, half) * rate)
         angle = np.where(since_impact < half, inside, play - w0 * (since_impact - half))
         angle = np.where(phase < free + half, angle, -angle)
         assert abs(solution.joint(hinge).angle - angle).max() < 5 * tolerance

@@ -79,9 +79,8 @@ def test_walls_that_do_not_fit_are_refused():
 
 def test_a_cantilever_has_the_stresses_of_its_moment_and_its_shear():
     """sigma = M e / I with M = P (L - s), tension above; tau = P / As."""
-    scene, beam = clamped_bar(
-        (2.0, 0), fb.Section.rectangle(0.2, 0.1, **STEEL), 4, load=(5e3, -1e3)
-    )
+    section = fb.Section.rectangle(0.2, 0.1, **STEEL)
+    scene, beam = clamped_bar((2.0, 0), section, 4, load=(5e3, -1e3))
     stress = fb.static(scene, linear=True).stress(beam)
     s = np.array([0.0, 0.5, 1.3])
     bending, axial = 1e3 * (2 - s) * 0.1 / (0.1 * 0.2**3 / 12), 5e3 / 0.02

@@ -392,9 +392,7 @@ def test_a_moment_without_a_potential_is_seen_by_modes_in_all_units(u):
     # `modes` has complex roots for it, and derivatives of modes, which have none, refuse it.
     run = fb.ModalResponse(lambda x: with_moments(u, 1e-3 * x[0]))
     assert "the stiffness is not symmetric" in refusal(run, [1.0])
-    expected, roots = (
-        fb.modes(with_moments(units, 1e3)).eigenvalues / units.time for units in (SI, u)
-    )
+    expected, roots = (fb.modes(with_moments(it, 1e3)).eigenvalues / it.time for it in (SI, u))
     assert roots == pytest.approx(expected, rel=1e-7)
     assert abs(expected.real).max() > 1.0  # it matters
 

@@ -232,9 +232,8 @@ def test_a_condition_within_halved_steps():
     scene, arm, _ = hinged_body((1, 0), 1.0, 0.1, {"pin": (0, 0)})
     scene.set_velocity(arm, (0, 5.0), 5.0)
     outputs = {"turn": fb.Output("rotation", arm.centre)}
-    run = fb.simulate(
-        scene, dt=1.0, t_end=9.0, outputs=outputs, until=lambda t, y: y["turn"] - 11.0
-    )
+    until = lambda t, y: y["turn"] - 11.0  # noqa: E731
+    run = fb.simulate(scene, dt=1.0, t_end=9.0, outputs=outputs, until=until)
     assert run.stats.halvings > 0
     assert run.rotation(arm.centre)[-1] == pytest.approx(11.0, abs=1e-10)
 

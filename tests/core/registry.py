@@ -485,9 +485,8 @@ def rack_and_gears_that_a_motor_drives(x):
     scene = fb.Scene(gravity=GRAVITY)
     cart = scene.add_body((0, 0), 3.0 * x[3], 0.4, {"axle": (0.1, 0), "motor": (-0.1, 0.1)})
     rail = scene.add_joint(fb.Prismatic(fb.GROUND, cart.centre, axis=(1, 0.1 * x[5])))
-    pinion, rotor = (
-        scene.add_body(place, 0.2, 0.01 * x[4]).centre for place in ((0.1, 0), (-0.1, 0.1))
-    )
+    places = (0.1, 0), (-0.1, 0.1)
+    pinion, rotor = (scene.add_body(place, 0.2, 0.01 * x[4]).centre for place in places)
     axle = scene.add_joint(fb.Revolute(cart["axle"], pinion))
     shaft = scene.add_joint(fb.Revolute(cart["motor"], rotor, motor=lambda t: 4 * x[6] * t * t))
     scene.add_joint(fb.Rack(axle, rail, radius=-0.2 * x[8]))

@@ -293,9 +293,8 @@ def test_the_period_of_an_oscillator_follows_its_data_as_in_the_closed_form():
         scene = guided(100.0 * x[0], x[1], c=0.0)[0]
         return scene, {"T": fb.Output("period", scene)}
 
-    run = fb.PeriodicResponse(
-        build, lambda scene: fb.periodic(scene, mode=0, amplitude=0.1, steps=41)
-    )
+    motion = lambda scene: fb.periodic(scene, mode=0, amplitude=0.1, steps=41)  # noqa: E731
+    run = fb.PeriodicResponse(build, motion)
     _, y = run([1.2, 0.8])
     assert run.jacobian()["T"] * [1.2, 0.8] / y["T"] == pytest.approx([-0.5, 0.5], rel=1e-7)
 
@@ -309,9 +308,8 @@ def test_a_forced_response_is_that_of_the_linear_oscillator():
     curve = fb.forced_response(build, (1.2, 2.0), steps=101, step=0.4)
     load = build.body.centre, (1.0, 0.0)
     linear = fb.frequency_response(build.scene, load, build.guide, curve.frequencies)
-    assert curve.amplitudes(build.body.centre, "x") == pytest.approx(
-        linear.amplitude[:, 0], rel=0.01
-    )
+    amplitudes = curve.amplitudes(build.body.centre, "x")
+    assert amplitudes == pytest.approx(linear.amplitude[:, 0], rel=0.01)
     assert curve.stable.all() and curve.frequencies[[0, -1]] == pytest.approx([1.2, 2.0])
 
 

@@ -566,9 +566,7 @@ CALLS = [
 
 def sizes(scene):
     """How many parts of each kind a scene has."""
-    return {
-        name: len(parts) for name, parts in vars(scene).items() if isinstance(parts, list | dict)
-    }
+    return {name: len(it) for name, it in vars(scene).items() if isinstance(it, list | dict)}
 
 
 @pytest.mark.exact_times

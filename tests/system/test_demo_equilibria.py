@@ -15,9 +15,8 @@ pytestmark = pytest.mark.slow
 
 def test_the_backbone_is_a_little_softer_than_that_of_a_single_mode(clamped_beam):
     assert clamped_beam["frequency of small vibrations over w0"] == approx(1, abs=1e-3)
-    a, f, single = (
-        np.array(clamped_beam[n]) for n in ("amplitude", "frequency", "of a single mode")
-    )
+    names = "amplitude", "frequency", "of a single mode"
+    a, f, single = (np.array(clamped_beam[name]) for name in names)
     assert (np.diff(a) > 0).all() and (np.diff(f) > 0).all() and a[-1] > 7
     small = a < 6
     assert (f[small] < single[small]).all()
@@ -143,9 +142,8 @@ def test_the_column_is_unstable_where_mathieus_equation_is(parametric_resonance)
 
 
 def test_a_pushed_column_grows_by_the_multiplier(parametric_resonance):
-    doubling, fold = (
-        parametric_resonance["multipliers"][kind] for kind in ("period doubling", "fold")
-    )
+    multipliers = parametric_resonance["multipliers"]
+    doubling, fold = (multipliers[kind] for kind in ("period doubling", "fold"))
     assert doubling < -1.3 and fold > 1.15
     growth = parametric_resonance["growth in a period"]
     assert growth["period doubling"] == approx(-doubling, rel=1e-4)
@@ -350,9 +348,8 @@ def test_the_path_of_the_chain_counts_through_all_states(snapping_chain):
 
 
 def test_the_energy_barrier_is_that_of_a_flat_cell(snapping_chain):
-    assert snapping_chain["barrier"] == approx(
-        snapping_chain["barrier of the first cell"], rel=1e-3
-    )
+    of_a_cell = snapping_chain["barrier of the first cell"]
+    assert snapping_chain["barrier"] == approx(of_a_cell, rel=1e-3)
 
 
 def test_more_of_the_path_is_stable_under_a_displacement(snapping_chain):

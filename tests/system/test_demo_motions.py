@@ -284,9 +284,8 @@ def test_the_inertia_of_the_mass_delays_and_raises_the_deflection(moving_mass):
 
 def test_the_decaying_scheme_takes_fewer_wrong_turns_than_the_conserving_one(parallelogram):
     # Which mechanisms these are depends on rounding, how many hardly: 2 and 6 of 52.
-    decaying, conserving = (
-        parallelogram["schemes"][f"Energy{name}"] for name in ("Decaying", "Momentum")
-    )
+    schemes = parallelogram["schemes"]
+    decaying, conserving = (schemes[f"Energy{name}"] for name in ("Decaying", "Momentum"))
     assert decaying["wrong turns"] < conserving["wrong turns"]
     assert decaying["errors below 1e-2"] > conserving["errors below 1e-2"]
 

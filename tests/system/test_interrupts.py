@@ -206,9 +206,8 @@ def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctr
             assert signal.getsignal(signal.SIGINT) is handler
             if error.solution is None:
                 notes = getattr(error, "__notes__", [""])
-                assert interrupted == 0 and ("before its first step" in notes[0]) is (
-                    kind is not Alarm
-                )
+                is_told = "before its first step" in notes[0]
+                assert interrupted == 0 and is_told is (kind is not Alarm)
                 continue
             assert kind is Alarm or error.__notes__
             computed, interrupted = error.solution, interrupted + 1

@@ -156,9 +156,7 @@ def test_a_curve_is_drawn_round_and_before_it_moves_where_its_motion_starts(degr
 
 
 def test_magnified_shapes_move_the_nodes_by_that_factor(swing):
-    figures = [
-        plot.shapes(swing[2], rows=[0, 10], colour="M", magnify=factor) for factor in (1.0, 5.0)
-    ]
+    figures = [plot.shapes(swing[2], rows=[0, 10], colour="M", magnify=x) for x in (1.0, 5.0)]
     (start, plain), (_, large) = (
         [np.array(row.get_segments()) for row in painted(figure)] for figure in figures
     )
@@ -287,9 +285,8 @@ def arrows(figure):
     ends = [np.flatnonzero(np.isnan(line[:, 0])) for line in lines]
     starts = [np.concatenate([[0], end[:-1] + 1]) for end in ends]
     tails = [line[start] for line, start in zip(lines, starts, strict=True)]
-    heads = [
-        path.vertices[0] for c in ax.collections if c.get_zorder() == 7 for path in c.get_paths()
-    ]
+    filled = [c for c in ax.collections if c.get_zorder() == 7]
+    heads = [path.vertices[0] for c in filled for path in c.get_paths()]
     return np.concatenate(tails), np.array(heads)
 
 

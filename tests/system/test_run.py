@@ -101,13 +101,11 @@ def test_a_version_that_is_served_is_installed_with_progress_on_one_line(call, c
 
 
 def test_only_the_documentation_has_sphinx_installed():
-    prepared = [
-        line.strip() for line in (ROOT / "run").read_text().splitlines() if "prepare " in line
-    ]
+    lines = (ROOT / "run").read_text().splitlines()
+    prepared = [line.strip() for line in lines if "prepare " in line]
     assert [line for line in prepared if "docs" in line] == ["prepare plot docs"]
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
     assert {name for name, wanted in extras.items() if "sphinx" in wanted} == {"docs"}
 
 

@@ -224,9 +224,8 @@ def test_what_is_no_case_cell_or_run_is_refused_by_name(call, reason):
 
 def at_rest():
     scene = fb.Scene()
-    scene.clamp(
-        scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1).start
-    )
+    section = fb.Section(EA=1.0, GA=1.0, EI=1.0)
+    scene.clamp(scene.add_beam([(0, 0), (1, 0)], section, elements=1).start)
     return scene
 
 

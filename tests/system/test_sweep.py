@@ -80,9 +80,8 @@ def test_processes_have_one_thread_and_a_killed_one_costs_its_case(lists):
     fates = ["fine", "slow", "broken", "killed", "fine", "fine", "slow", "slow"]
     cases = [{"number": n, "fate": fate} for n, fate in enumerate(fates)]
     rows = fb.sweep(sweep_cases.fate, cases, executor=2)
-    assert [{name: row[name] for name in case} for row, case in zip(rows, cases, strict=True)] == (
-        cases
-    )
+    pairs = zip(rows, cases, strict=True)
+    assert [{name: row[name] for name in case} for row, case in pairs] == cases
     for row in rows:
         fine = row["fate"] in ("fine", "slow")
         assert bool(row["error"]) != fine and ("worker" in row) == fine

@@ -117,9 +117,7 @@ def test_the_options_of_ffcx_are_its_own_defaults_and_complete():
         from ffcx.parameters import FFCX_DEFAULT_PARAMETERS as defaults
     except ImportError:
         from ffcx.options import FFCX_DEFAULT_OPTIONS as defaults
-    values = {
-        name: next(v for v in row if not isinstance(v, type)) for name, row in defaults.items()
-    }
+    values = {n: next(v for v in row if not isinstance(v, type)) for n, row in defaults.items()}
     assert {name: ffcx_api.OPTIONS[name] for name in defaults} == values
 
 

@@ -205,13 +205,8 @@ def test_a_lost_motion_wins_nothing_nor_does_one_that_smaller_steps_lose(lost):
 
 def test_errors_below_that_of_the_reference_are_not_shown_as_known(tmp_path):
     precision = made_up([*TWO, ("B", 2e-2, 1e-5)], q=1e-3)
-    assert [counted(precision, "q", run) for run in precision.runs] == [
-        5e-2,
-        5e-3,
-        4e-2,
-        3e-3,
-        3e-3,
-    ]
+    errors = [counted(precision, "q", run) for run in precision.runs]
+    assert errors == [5e-2, 5e-3, 4e-2, 3e-3, 3e-3]
     assert seconds_at(precision, 1e-3) == {} and set(seconds_at(precision, 1e-2)) == {"A", "B"}
     assert "the smallest error is 3e-3, by B, dt = 0.01 s" in sentence(precision, "q")
     assert "The reference is known to 0.001." in sentence(precision, "q")
