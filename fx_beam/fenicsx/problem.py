@@ -224,7 +224,9 @@ class Problem(DolfinxSteps):
         """Accelerations at the start by all forces, also by terms that only these forms have."""
         model, forcing = self._equations.model, self._prepared.forcing
         starts = Starts(model, forcing, self.dt, further=self._further)
-        self._state = self._state.changed(a=starts.resumed(self._state, same_scheme=False).a)
+        found = starts.resumed(self._state, same_scheme=False)
+        kept = {name: getattr(found, name) for name in ("a", "driven_forces", "added_forces")}
+        self._state = self._state.changed(**kept)
         self._form.fields.end(self._state)
 
     def _further(
@@ -233,6 +235,7 @@ class Problem(DolfinxSteps):
         """Forces (size,) that the engine does not have."""
         self._form.fields.set_start(interval, state, state.natural)
         internal, added = self._equations.assembly.residual(D)
+        self._equations.start_with(state.t, added)
         if not self._form.replaced:
             return added
         return internal + added - forces.of_beams(D)
@@ -408,5 +411,7 @@ class Problem(DolfinxSteps):
                 t=float(solution.t[row]), past=None, q_previous=None, work=0.0, **arrays
             )
             state = state.changed(constraint_forces=None, joint_forces=None, dissipated=0.0)
+            state = state.changed(length=0.0, driven_forces=None)
+            state = Starts(model, self._prepared.forcing, self.dt).resumed(state, same_scheme=True)
             self._prepared.stepper.load(state)
         self._set(state)

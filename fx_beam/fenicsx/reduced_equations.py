@@ -197,8 +197,8 @@ class ReducedEquations:
         self._natural: np.ndarray | None = None
         # Load factors or times of the last step; None before the first.
         self._interval: Interval | None = None
-        # End of the last step [s], and forces (size,) of added terms in it.
-        self._last_step = np.nan, np.zeros(n)
+        # End of the last step [s], forces (size,) of added terms in it, and how many steps before.
+        self._last_step = np.nan, np.zeros(n), 1.0
         reduction.set_start(np.zeros(n), slides_at_start(loop.model.scene))
         #: Unknowns of the last step.
         self.unknowns = Unknowns(assembly)
@@ -317,13 +317,17 @@ class ReducedEquations:
         path, _ = model.scheme.rates.work_increment(self._D, model.mesh.turns)
         state.work -= self._mean_added(state.t, dt) @ path
 
+    def start_with(self, t: float, added: np.ndarray) -> None:
+        """Have forces of added terms (size,) at the start of the next step [s]."""
+        self._last_step = t, added, self.model.scheme.rates.level
+
     def _mean_added(self, t: float, dt: float) -> np.ndarray:
         """Forces of added terms (size,) in mid-step, from forces at the levels of steps."""
-        level, (end, previous) = self.model.scheme.rates.level, self._last_step
-        self._last_step = t + dt, self._added
+        level, (end, previous, apart) = self.model.scheme.rates.level, self._last_step
+        self._last_step = t + dt, self._added, 1.0
         if level == 0.5 or not np.isclose(end, t, rtol=1e-12, atol=1e-9 * abs(dt)):
             return self._added
-        return self._added + (0.5 - level) * (self._added - previous)
+        return self._added + (0.5 - level) / apart * (self._added - previous)
 
 
 # -- Newton's method of PETSc for the increment of a step: Tv(y)^T r(g(y)) = 0 for the unknowns y

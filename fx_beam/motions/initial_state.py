@@ -26,7 +26,7 @@ from fx_beam.scene.joints import GROUND, Constraints, JointKey, key_of, slides_a
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.model import Model, fact, led_dofs, massless_dofs
+from fx_beam.step.model import Model, fact, led_dofs, massless_dofs, sizes_of
 from fx_beam.step.newton import newton
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ class Starts:
         if start is None and model.data.natural:
             state.natural = model.data.natural.sum_at(state.t)
         if len(fact(model, led_dofs)):  # they have not moved before
-            state = state.changed(q_previous=None, driven_forces=None)
+            state = state.changed(q_previous=None, length=0.0)
         needed = accelerations or fact(model, needs_accelerations)
         state, unbalanced = self._moving(state, needed)
         if unbalanced:
@@ -208,8 +208,8 @@ class Starts:
             state = state.changed(past=past)
         if not accelerates:
             return state, False
-        a, rest = self._acceleration(state, w, accelerations, self._loads(state))
-        return state.changed(a=a), rest
+        found, rest = self._acceleration(state, w, accelerations, self._loads(state))
+        return state.changed(**found), rest
 
     def late_accelerations(self, state: State) -> Callable[[], np.ndarray]:
         """A function that gives the accelerations at the start, by the loads as they are now.
@@ -220,19 +220,20 @@ class Starts:
 
         def accelerations() -> np.ndarray:
             self.model.forms.parameters.use(state.parameters)
-            return self._acceleration(state, none, np.empty(0), loads)[0]
+            return self._acceleration(state, none, np.empty(0), loads)[0]["a"]
 
         return accelerations
 
     def resumed(self, start: State, same_scheme: bool) -> State:
         """The state itself for the same scheme, else with its velocities and new accelerations."""
         rates, accelerations = self._begin(start)
-        if same_scheme:
+        keeps = fact(self.model, sizes_of)["kept driven"] > 0
+        if same_scheme and (start.driven_forces is not None or not keeps):
             return start
         w = rates_of_columns(self.model, start, start.v, rates)
-        a, _ = self._acceleration(start, w, accelerations, self._loads(start))
+        found, _ = self._acceleration(start, w, accelerations, self._loads(start))
         # What the last step of another scheme leaves to the next one does not count.
-        return start.changed(a=a, parts=None, past=None).released()
+        return start.changed(**found, parts=None, past=None).released()
 
     def _begin(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
@@ -246,10 +247,11 @@ class Starts:
 
     def _acceleration(
         self, state: State, w: np.ndarray, driven: np.ndarray, loads: tuple[np.ndarray, np.ndarray]
-    ) -> tuple[np.ndarray, bool]:
+    ) -> tuple[dict[str, np.ndarray], bool]:
         """Accelerations from T^T M a = T^T (F - f), with those of driven motion and of couplings.
 
-        Those of unknowns without mass are zero. And whether forces are left.
+        Those of unknowns without mass are zero. With the forces that a state keeps; and whether
+        forces are left.
         """
         from fx_beam.step.equations import accelerations
         from fx_beam.step.state_vector import slide_rates, start_of
@@ -257,6 +259,7 @@ class Starts:
         model, reduction, dt = self.model, self.model.reduction, self._dt
         level, rated = model.scheme.rates.level, model.forms.depend_on_rates or self._further
         moves = bool(rated) and any_of(state.v)
+        found: dict[str, np.ndarray] = {}
         mass, size = model.masses.matrix, abs(state.v / model.units.nodes).max()
 
         def internal_force(h: float) -> np.ndarray:
@@ -274,6 +277,8 @@ class Starts:
             forces = model.forms.begin_step(instant(state.t, h), start)
             model.forms.compiled_points.evaluate_slides(h * w)
             force = forces.internal(D)
+            if not model.scheme.rates.mean_based:
+                found["added_forces"] = forces.added()
             if self._further is not None:
                 force += self._further(instant(state.t, h), shifted, D, forces)
             return force
@@ -303,7 +308,12 @@ class Starts:
         works = b * unknown_units, *(part * node_units for part in (force, *loads))
         largest = max(abs(work).max(initial=0.0) for work in works)
         left = abs(rest * unknown_units).max(initial=0.0)
-        return reduction.maps.to_nodes(a) + curved, bool(left > _NONE * largest)
+        found["a"] = a = reduction.maps.to_nodes(a) + curved
+        if fact(model, sizes_of)["kept driven"]:
+            led, reaction = fact(model, led_dofs), f + mass @ a - loads[0]
+            reaction[led] -= mass[led][:, led] @ a[led]
+            found["driven_forces"] = reduction.maps.reduced_force(reaction)[moved]
+        return found, bool(left > _NONE * largest)
 
 
 def end_of(start: Solution) -> State:

@@ -594,12 +594,16 @@ def _same(model: Model, start: Solution) -> State:
         natural = np.zeros(model.data.natural.shape)
     if forces is not None and len(forces) != model.reduction.columns - model.reduction.free:
         forces = None  # other supports
+    driven = state.driven_forces
+    if driven is not None and len(driven) != model.reduction.driven:
+        driven = None  # other supports
     pulls = state.line_forces
     if pulls is not None and len(pulls) != model.scene.force_count:
         pulls = None  # other forces between points
     # Accelerations of other rules keep what joints do not allow; the energy of that is work.
     v = state.v if state.fitted is None or model.scheme.rates.mean_based else state.fitted
     state = replace(state, natural=natural, constraint_forces=forces, line_forces=pulls)
+    state = replace(state, driven_forces=driven)
     return replace(state, v=v, fitted=None)
 
 

@@ -91,7 +91,8 @@ class SteppedState:
     contact_forces: np.ndarray | None = _array("contacts", 2, record="forces", mean=True)
     line_forces: np.ndarray | None = _array("lines", record="forces", mean=True)
     added_forces: np.ndarray | None = _array("added dofs")
-    #: Forces of driven columns in the last step, without the inertia of what they alone move.
+    #: Forces of driven columns in the last step or at the start, without the inertia of what they
+    #: alone move, for schemes whose forces are not at mid-step.
     driven_forces: np.ndarray | None = _array("kept driven")
     #: Parameters in functions of the user.
     parameters: np.ndarray | None = _array("parameters", record="always")

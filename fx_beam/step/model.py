@@ -509,7 +509,7 @@ def widths_of(model: Model) -> dict[str, int]:
 
 def sizes_of(model: Model) -> dict[str, int]:
     """Lengths of the arrays of a state, by their names in `StateArray.shape`."""
-    forms, reduction = model.forms, model.reduction
+    forms, reduction, rates = model.forms, model.reduction, model.scheme.rates
     cells, points, variables = forms.internal_shape
     return {
         "dofs": model.size,
@@ -519,7 +519,7 @@ def sizes_of(model: Model) -> dict[str, int]:
         "contacts": model.points.contacts,
         "parameters": len(forms.parameters),
         "added dofs": model.size if forms.has_added else 0,
-        "kept driven": reduction.driven if len(fact(model, led_dofs)) else 0,
+        "kept driven": 0 if rates.mean_based or rates.at_rest else reduction.driven,
         "kept dofs": model.size if keeps_previous(model) else 0,
         "cells": cells,
         "points": points,

@@ -8,9 +8,9 @@
 /* Force in the middle of a step, from those at the scheme's level in it and in the one before. An equilibrium before the
    first step has no forces of inertia. */
 static double mid(const Scheme *scheme, const State *state, double force, double previous) {
-  int has_previous = scheme->at_rest ? state->steps_done > 0 : state->length > 0;
-  if (scheme->level == 0.5 || !has_previous) return force;
-  return force + (0.5 - scheme->level) * (force - previous);
+  if (scheme->level == 0.5 || (scheme->at_rest && !state->steps_done)) return force;
+  int starts = !scheme->at_rest && !(state->length > 0);
+  return force + (0.5 - scheme->level) / (starts ? scheme->level : 1) * (force - previous);
 }
 
 /* Part of the weight that acts. */
@@ -107,8 +107,8 @@ static const double *audit_led(const Tables *p, const Numbers *s, Work *w) {
    drag and contact. */
 static void audit(const Tables *p, const Numbers *s, Work *w, const double *change) {
   int n = p->dofs, constrained = p->columns - p->free;
-  int led = p->motors.led > 0;
-  double *last = led ? w->state.driven_forces : w->state.constraint_forces;
+  int led = p->motors.led > 0, moves = !p->scheme.at_rest && p->scheme.level != 0.5;
+  double *last = moves ? w->state.driven_forces : w->state.constraint_forces;
   w->state.work += dot(n, w->dead, w->path);
   w->state.dissipated += fx_lost_at_points(s->points, w->D, w->z);
   w->state.work += sum_over_elements(p, s, w, &s->forms.actuated);
@@ -124,7 +124,8 @@ static void audit(const Tables *p, const Numbers *s, Work *w, const double *chan
     double along = p->motors.slides[i] ? change[i] : at(w->path, p->motors.b[i]) - at(w->path, p->motors.a[i]);
     w->state.work += mid(&p->scheme, &w->state, w->reduced[p->free + i], last[i]) * along;
   }
-  if (led) memcpy(last, w->reduced + p->free, p->driven * sizeof(double)), project(p, s->points, w, w->r, w->reduced);
+  if (moves) memcpy(last, w->reduced + p->free, p->driven * sizeof(double));
+  if (led) project(p, s->points, w, w->r, w->reduced);
   scale(constrained, w->state.earlier, w->state.constraint_forces);
   add_times(constrained, w->state.share, w->reduced + p->free, w->state.constraint_forces);
   if (p->has_added) {
