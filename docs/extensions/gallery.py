@@ -66,18 +66,29 @@ def run(demo):
     return folder
 
 
+def caption(name):
+    """The name of a picture in words, such as "Force and displacement"."""
+    return name.replace("_", " ").capitalize()
+
+
 def page(demo, folder):
     """Markdown page of a demo, whose pictures are copied beside it."""
     results = run(demo)
     source = demo.read_text(encoding="utf-8")
     title, _, text = ast.get_docstring(ast.parse(source)).partition("\n")
-    pictures = sorted(results.glob("*.png")) + sorted(results.glob("*.gif"))
-    if not pictures:
-        pictures = sorted((ROOT / "demos" / "pictures").glob(f"{demo.stem}_*.png"))
+    copies = ROOT / "demos" / "pictures"
+    known = [*results.glob("*.png"), *results.glob("*.gif")]
+    known = known or [
+        path for kind in ("png", "gif") for path in copies.glob(f"{demo.stem}_*.{kind}")
+    ]
+    # The card is for the gallery: on its page it stands for pictures that are not there.
+    pictures = sorted(path for path in known if not path.stem.endswith("thumbnail")) or known
     for picture in pictures:
         shutil.copy(picture, folder / f"{demo.stem}-{picture.name}")
     images = {
-        path: f"![{path.stem.replace('_', ' ')}]({demo.stem}-{path.name})" for path in pictures
+        path: f"![{words}]({demo.stem}-{path.name})\n\n*{words}*"
+        for path in pictures
+        for words in [caption(path.stem.removeprefix(f"{demo.stem}_"))]
     }
     moving = [image for path, image in images.items() if path.suffix == ".gif"]
     still = [image for image in images.values() if image not in moving]
