@@ -175,8 +175,9 @@ def draw(results, frequencies, curves, before, after, best):
     scene.add_force(first, lambda t: (150.0 * np.sin(w * t), 0.0))
     period = 2 * np.pi / w
     motion = fb.simulate(scene, dt=period / 40, t_end=30 * period)
-    last, look = range(29 * 40, 30 * 40), {"magnify": 30.0, "tall": 8.0}
-    thumbnail.card(motion, last, results / "thumbnail.png", **look)
+    rows = range(29 * 40, 30 * 40)
+    plot.animate(motion, results / "motion.gif", rows=rows, magnify=30.0)
+    thumbnail.card(motion, rows, results / "thumbnail.png", magnify=30.0, tall=8.0)
 
 
 if __name__ == "__main__":

@@ -155,6 +155,7 @@ def draw(results, runs):
 
     plot.scene(scene()[0], results / "scene.png")
     pulled = runs[SHOWN][0]
+    plot.animate(pulled, results / "motion.gif")
     thumbnail.card(pulled, range(len(pulled.t)), results / "thumbnail.png")
     figure, axes = plot.figure(1, 2, height=3.4)
     force, tension_axes = axes.flat

@@ -230,6 +230,7 @@ def draw(results, beam, linear, first, tongue, third):
     plot.scene(scene()[0], results / "scene.png", scene_unit="l")
     largest = first[-1].solution
     rows, path = range(len(largest.t)), results / "thumbnail.png"
+    plot.animate(largest, results / "motion.gif", rows=rows, scene_unit="l", magnify=8.0)
     thumbnail.card(largest, rows, path, tall=8.0)
     figure, ((curve, zoom), (shapes, changes)) = plot.figure(2, 2, height=2.9)
     for axes in (curve, zoom):

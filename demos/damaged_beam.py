@@ -193,6 +193,7 @@ def draw(results, angles, moments, pulled):
     plot.save(figure, results / "damage.png")
     scene, _ = strip(MESHES[1], turned=True)
     shown = fb.static(scene, load_steps=40)
+    plot.animate(shown, results / "motion.gif")
     thumbnail.card(shown, range(len(shown.t)), results / "thumbnail.png")
 
 

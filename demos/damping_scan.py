@@ -132,6 +132,7 @@ def draw(results, numbers):
         )
     except fb.StepError as error:
         motion = error.solution
+    plot.animate(motion, results / "motion.gif")
     thumbnail.card(motion, range(len(motion.t)), results / "thumbnail.png")
 
     kinds = {

@@ -232,6 +232,7 @@ def draw(results, turns):
     rows = range(0, INTERVALS * STEPS + 1, 4 * STEPS)
     fastest = turn.solution(c)
     plot.shapes(fastest, results / "shapes.png", rows=rows)
+    plot.animate(fastest, results / "motion.gif")
     thumbnail.card(fastest, range(0, len(fastest.t), 4), results / "thumbnail.png")
 
 

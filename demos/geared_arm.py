@@ -145,6 +145,7 @@ def draw(results, motion, rigid, carrier, its_carrier, sun, planet, arm, teeth):
     plot.scene(scene()[0], results / "scene.png")
 
     rows = range(0, len(motion.t), 8)
+    plot.animate(motion, results / "motion.gif")
     thumbnail.card(motion, rows, results / "thumbnail.png")
     figure, ((turn, tip, tooth),) = plot.figure(1, 3)
     exact = np.where(

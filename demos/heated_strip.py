@@ -186,6 +186,7 @@ def draw(results, solution, temperatures, problem, heat):
     from fx_beam import plot
     from shared import thumbnail
 
+    plot.animate(solution, results / "motion.gif", magnify=20.0)
     thumbnail.card(solution, range(len(solution.t) // 2), results / "thumbnail.png", tall=20)
     figure, axes = plot.figure(3, 1, height=2.0)
     field, middle, shapes = axes.flat

@@ -161,6 +161,7 @@ def draw(results, t, measured, guessed, fitted, x, half_width):
 
     swinging, _ = build(x)
     swing = fb.simulate(swinging, dt=DT, t_end=STAGES[-1])
+    plot.animate(swing, results / "motion.gif")
     thumbnail.card(swing, range(0, len(swing.t), 8), results / "thumbnail.png")
     figure, axes = plot.figure(1, 2, height=3.2)
     errors, bars = axes.flat

@@ -338,6 +338,7 @@ def draw(results, problem, pairs):
     ours, _ = pairs["EnergyMomentum"]
     until = range(round(T_FILE / DT) + 1)
     plot.shapes(ours, results / "shapes.png", rows=until[::4], scene_unit="in")
+    plot.animate(ours, results / "motion.gif", rows=until, scene_unit="in")
     thumbnail.card(ours, until, results / "thumbnail.png")
 
     figure, axes = plot.figure(1, 3, height=3.0)

@@ -190,6 +190,7 @@ def draw(results, equilibrium, engine, way, path, shapes):
     from fx_beam import plot
     from shared import thumbnail
 
+    plot.animate(engine, results / "motion.gif")
     thumbnail.card(engine, range(len(engine.t)), results / "thumbnail.png")
     figure, axes = plot.figure(1, 1, height=3.0)
     (panel,) = axes.flat

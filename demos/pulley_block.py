@@ -146,6 +146,7 @@ def draw(results, motion, hoist, load, motor, rope):
 
     plot.scene(hoist, results / "scene.png")
     rows = range(0, round(TIME / DT), 60)
+    plot.animate(motion, results / "motion.gif")
     thumbnail.card(motion, rows, results / "thumbnail.png")
     figure, ((height, pull),) = plot.figure(1, 2)
     z, _ = exact(motion.t)

@@ -111,6 +111,7 @@ def draw(results):
     from shared import thumbnail
 
     creeping = fb.simulate(scene("creep", elements=20)[0], dt=STEPS[-1], t_end=4 * T_END)
+    plot.animate(creeping, results / "motion.gif")
     thumbnail.card(creeping, range(0, len(creeping.t), 8), results / "thumbnail.png")
     figure, axes = plot.figure(1, 2, height=3.0)
     labels = r"bending moment $M$ [N m]", r"curvature $\kappa$ [1/m]"

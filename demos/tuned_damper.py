@@ -197,6 +197,7 @@ def draw(results, responses, build, best, w):
     scene.add_force(tip, lambda t: (shaking * np.sin(w * t), 0.0))
     period = 2 * np.pi / w
     motion = fb.simulate(scene, dt=period / 48, t_end=20 * period)
+    plot.animate(motion, results / "motion.gif", rows=range(19 * 48, 20 * 48))
     thumbnail.card(motion, range(19 * 48, 20 * 48), results / "thumbnail.png")
 
 

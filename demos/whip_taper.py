@@ -238,6 +238,7 @@ def draw(results, drawn):
 
     tapered, _ = whip(drawn["optimised"][0])
     stroke = fb.simulate(tapered, dt=DT, t_end=T_END)
+    plot.animate(stroke, results / "motion.gif")
     thumbnail.card(stroke, range(0, len(stroke.t), 6), results / "thumbnail.png")
     figure, axes = plot.figure(1, 2, height=3.4)
     shapes, speeds = axes.flat

@@ -57,7 +57,9 @@ def numbers(name):
 def drawn(name):
     """The folder of what a demo writes, its pictures too, drawn once; films with few frames."""
 
-    def animate(solution, path, rows, fps=20, **options):
+    def animate(solution, path, rows=None, fps=20, **options):
+        count = len(solution.t)
+        rows = range(0, count, max(1, count // 100)) if rows is None else rows
         few = rows[:: max(1, len(rows) // 7)]
         FILMS[name] = len(rows), len(few), fps
         whole(solution, path, few, fps=fps, **options)
