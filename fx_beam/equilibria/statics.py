@@ -347,7 +347,7 @@ class LoadPath:
             solution = self._solution(states)
             if self.warns:
                 _warn_if_unstable(self.stepper.motions, states)
-            warn_of_places(solution, lines=self.scene.forces_between)
+            warn_of_places(solution, self.scene)
             warn_of_long_elements(solution, solution.t, solution.recorded("q"))
         except BaseException as error:
             self._fail(error)

@@ -16,8 +16,10 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Circle, Contact, arc_of, nearest
 from fx_beam.scene.coordinate import Coordinate, Stop
 from fx_beam.scene.forces_between import ForceBetween, RopeSpring
+from fx_beam.scene.gears import Gear
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import label
+from fx_beam.scene.scene import Scene
 
 _log = logging.getLogger("fx_beam")
 # Depth in a circle, relative to its radius, from which its force says little. A way that comes
@@ -52,19 +54,17 @@ _NODES_AT_ONCE = 200_000
 _BENT, _ROWS = 0.5, 16
 
 
-def warn_of_places(
-    solution: Solution, joints: Sequence[Joint] = (), lines: Sequence[ForceBetween] = ()
-) -> None:
+def warn_of_places(solution: Solution, scene: Scene) -> None:
     """Warn of contact where its forces say little; StepError for ropes that leave pulleys."""
     _warn_of_depth(solution)
     _warn_of_bumps(solution)
     has_all_steps = len(solution.t) == solution.stats.steps + 1 > 2
     if has_all_steps and not solution.stats.static:
-        _warn_of_short_impacts(solution, joints)
-        _warn_of_hits_at_once(solution, joints, lines)
+        _warn_of_short_impacts(solution, scene)
+        _warn_of_hits_at_once(solution, scene)
         _warn_of_soft_landings(solution)
     warn_of_sharp_bends(solution)
-    for line in lines:
+    for line in scene.forces_between:
         if line.kinds:
             _check_on_pulleys(solution, line)
 
@@ -236,12 +236,12 @@ def _through(arms: np.ndarray, distances: np.ndarray, reach: np.ndarray) -> np.n
     return through
 
 
-def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
+def _warn_of_short_impacts(solution: Solution, scene: Scene) -> None:
     """Warn of the restitution whose impacts take the fewest steps, if these are too few."""
     if len(solution.t) < 4:
         return
     short_impacts: list[tuple[int, float, str, Contact | Stop]] = []
-    for owner, law, gap in _with_losses(solution, joints):
+    for owner, law, gap in _with_losses(solution, scene):
         closed = gap < 0  # a step has a force if it begins or ends behind the obstacle
         closed[1:] |= closed[:-1]
         begins = closed[2:] & ~closed[1:-1]
@@ -271,13 +271,11 @@ class _Hits(NamedTuple):
     read: Callable[[], tuple[np.ndarray, np.ndarray | bool]]
 
 
-def _warn_of_hits_at_once(
-    solution: Solution, joints: Sequence[Joint], lines: Sequence[ForceBetween]
-) -> None:
+def _warn_of_hits_at_once(solution: Solution, scene: Scene) -> None:
     """Warn of a body with two impacts of few steps at once: it shares momentum wrongly."""
     body_of = {n.number: body.name for body in solution.bodies.values() for n in body.nodes}
     of_body: dict[object, list[_Hits]] = {}
-    every = [*_hits_of_contacts(solution), *_hits_of_stops(solution, joints, lines)]
+    every = [*_hits_of_contacts(solution), *_hits_of_stops(solution, scene)]
     for hits in every:
         for node in hits.nodes:
             if node >= 0:
@@ -323,44 +321,70 @@ def _hits_of_contacts(solution: Solution) -> Iterator[_Hits]:
             yield _Hits(contact, nodes, partial(read, contact))
 
 
-def _hits_of_stops(
-    solution: Solution, joints: Sequence[Joint], lines: Sequence[ForceBetween]
-) -> Iterator[_Hits]:
-    """Of joints, forces between points, and ropes whose length is a number."""
+def _hits_of_stops(solution: Solution, scene: Scene) -> Iterator[_Hits]:
+    """Of joints, gears, forces between points, and ropes whose length is a number."""
 
-    def of_joint(
-        joint: Joint, name: str, sign: int, limit: Any
+    def read(
+        stopped: _Stopped, alone: bool, sign: int, limit: Any
     ) -> tuple[np.ndarray, np.ndarray | bool]:
-        motion, on = solution.joint(joint), joint.coordinates[name]
-        alone = len(solution.joint_forces) > 0 and on == Coordinate(stop=on.stop)
-        place = motion.slide if name == "slide" else motion.angle
-        acts = _pushes(solution, joint, name) if alone else False
-        return sign * (place - as_float(limit)), acts
+        return sign * (stopped.place() - as_float(limit)), alone and stopped.acts()
 
-    def of_line(
-        line: ForceBetween, alone: bool, sign: int, limit: Any
-    ) -> tuple[np.ndarray, np.ndarray | bool]:
-        motion, has_forces = solution.joint(line), len(solution.line_forces)
-        acts = motion.force[1:] != 0 if alone and has_forces else False
-        return sign * (motion.length - as_float(limit)), acts
-
-    for joint in joints:
-        for coordinate, law in joint.coordinates.items():
-            nodes = [node.number for node in (joint.a, joint.b)]
-            for sign, limit in _limits(law.stop):
-                yield _Hits(joint, nodes, partial(of_joint, joint, coordinate, sign, limit))
-    for line in lines:
-        stop, rope = line.on.stop, line.on.spring
+    for stopped in _stopped(solution, scene):
+        rope, alone = stopped.on.spring, stopped.on == Coordinate(stop=stopped.on.stop)
         if isinstance(rope, RopeSpring) and is_number(length := rope.length.given):
-            yield _Hits(line, line.nodes, partial(of_line, line, True, -1, length))
-        elif not line.is_bed:
-            alone = line.force is None and line.on == Coordinate(stop=stop)
-            for sign, limit in _limits(stop):
-                yield _Hits(line, line.nodes, partial(of_line, line, alone, sign, limit))
+            yield _Hits(stopped.owner, stopped.nodes, partial(read, stopped, True, -1, length))
+            continue
+        for sign, limit in _limits(stopped.on.stop):
+            yield _Hits(stopped.owner, stopped.nodes, partial(read, stopped, alone, sign, limit))
 
 
-def _pushes(solution: Solution, joint: Joint, name: str) -> np.ndarray:
+class _Stopped(NamedTuple):
+    """What may have a stop: the numbers of its nodes, with -1 for the ground, and its law."""
+
+    owner: Joint | Gear | ForceBetween
+    nodes: Sequence[int]
+    on: Coordinate
+    #: Gives the coordinate (n,) of the law; for each step (n - 1,) whether it has a force.
+    place: Callable[[], np.ndarray]
+    acts: Callable[[], np.ndarray | bool]
+
+
+def _stopped(solution: Solution, scene: Scene) -> Iterator[_Stopped]:
+    def acts(line: ForceBetween) -> np.ndarray | bool:
+        has_forces = line.force is None and len(solution.line_forces)
+        return solution.joint(line).force[1:] != 0 if has_forces else False
+
+    for joint in scene.joints:
+        for name, on in joint.coordinates.items():
+            nodes = [node.number for node in (joint.a, joint.b)]
+            place = partial(_value, solution, joint, "slide" if name == "slide" else "angle")
+            yield _Stopped(joint, nodes, on, place, partial(_pushes, solution, joint, name))
+    for gear in scene.gears:
+        nodes = [node.number for node in gear.nodes]
+        place = partial(_value, solution, gear, "difference")
+        yield _Stopped(gear, nodes, gear.on, place, partial(_turns, solution, gear))
+    for line in scene.forces_between:
+        if not line.is_bed:
+            place = partial(_value, solution, line, "length")
+            yield _Stopped(line, line.nodes, line.on, place, partial(acts, line))
+
+
+def _value(solution: Solution, part: Any, name: str) -> np.ndarray:
+    return getattr(solution.joint(part), name)
+
+
+def _turns(solution: Solution, gear: Gear) -> np.ndarray | bool:
+    """Whether in each step (n - 1,) a gear has a moment, or a rack a force."""
+    if not len(solution.joint_forces):
+        return False
+    force = abs(solution.joint(gear).force[1:])
+    return force > _NO_FORCE * force.max(initial=0.0)
+
+
+def _pushes(solution: Solution, joint: Joint, name: str) -> np.ndarray | bool:
     """Whether in each step (n - 1,) the joint has a force along its slide, or a moment."""
+    if not len(solution.joint_forces):
+        return False
     x, y, moment = solution.joint(joint).force[1:].T
     if name == "rotation":
         return abs(moment) > _NO_FORCE * abs(moment).max(initial=0.0)
@@ -443,19 +467,18 @@ def _steps_of_impact(gaps: np.ndarray, loss: float) -> float:
 
 
 def _with_losses(
-    solution: Solution, joints: Sequence[Joint]
+    solution: Solution, scene: Scene
 ) -> Iterator[tuple[str, Contact | Stop, np.ndarray]]:
     """Contacts that can hit with a loss: as text, its law, and gaps (n, m)."""
     for obstacle in solution.contacts:
         if obstacle.restitution < 1:
             yield str(obstacle), obstacle, solution.contact(obstacle).gap
-    for joint in joints:
-        for coordinate, joint_coordinate in joint.coordinates.items():
-            name, stop = "slide" if coordinate == "slide" else "angle", joint_coordinate.stop
-            if stop is not None and stop.restitution != 1:
-                for sign, limit in _limits(stop):
-                    gap = sign * (getattr(solution.joint(joint), name) - limit)
-                    yield str(joint), stop, gap[:, None]
+    for stopped in _stopped(solution, scene):
+        stop = stopped.on.stop
+        if stop is None or stop.restitution == 1:
+            continue
+        for sign, limit in _limits(stop):
+            yield str(stopped.owner), stop, sign * (stopped.place() - as_float(limit))[:, None]
 
 
 def warn_of_sharp_bends(solution: Solution) -> None:

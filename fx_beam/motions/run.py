@@ -271,7 +271,7 @@ class Run:
             energies = recorder.arrays["energies"][: recorder.rows]
             warn_of_balance(self.options.scheme, recorder.t[: recorder.rows], energies)
         if self._knows_places:
-            warn_of_places(solution, self._scene.joints, self._scene.forces_between)
+            warn_of_places(solution, self._scene)
             rows, t = self.recorder.rows, solution.t
             q = self.recorder.arrays["q"][:rows].reshape(rows, -1, 3)  # without a copy
             warn_of_long_elements(solution, t if len(t) == rows else self.recorder.t, q)

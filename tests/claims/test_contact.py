@@ -18,11 +18,11 @@ import fx_beam as fb
 STIFF = fb.Section(EA=1e6, GA=1e6, EI=1e4)
 SOFT = fb.Section(EA=100.0, GA=100.0, EI=10.0, rhoA=1.0, rhoI=0.1)
 FLOOR = fb.Line((0, 0), normal=(0, 1))
-HITS = pytest.mark.parametrize("kind", ["floor", "stop"])
+HITS = pytest.mark.parametrize("kind", ["floor", "stop", "line"])
 
 
 def ball(kind="floor", height=0.05, k=1e6, v=0.0, gravity=10.0, e=1.0, speed=None, **law):
-    """A mass of 1 kg above a floor, or on a rail down to a stop; its scene, node, and what stops.
+    """A mass of 1 kg above a floor, or on a rail or a line to a stop; its scene, node, what stops.
 
     Its height is the gap.
     """
@@ -32,6 +32,9 @@ def ball(kind="floor", height=0.05, k=1e6, v=0.0, gravity=10.0, e=1.0, speed=Non
         stop = fb.Stop(-height, None, k, e, speed)
         return scene, node, scene.add_joint(fb.Prismatic(fb.GROUND, node, axis=(0, 1), stop=stop))
     scene.fix(node, "x", "rotation")
+    if kind == "line":
+        stop = fb.Stop(1.0, None, k, e, speed)
+        return scene, node, scene.add_force_between(node, (0, -1), stop=stop)
     law = {"stiffness": k, "restitution": e, "speed": speed} | law
     return scene, node, scene.add_contact(node, FLOOR, **law)
 
@@ -88,8 +91,8 @@ def test_a_bounce_has_the_time_depth_and_momentum_of_the_closed_solution(kind):
     assert inside[-1] - inside[0] == pytest.approx(math.pi / math.sqrt(k), abs=2e-4)
     assert y.min() == pytest.approx(-v / math.sqrt(k), rel=1e-4)
     assert solution.velocity(node)[-1, 1] == pytest.approx(v, rel=1e-12)
-    forces = (solution.joint if kind == "stop" else solution.contact)(it).force
-    force = forces[:, 1] if kind == "stop" else forces[:, 0, 1]
+    part = solution.contact(it) if kind == "floor" else solution.joint(it)
+    force = part.force.reshape(len(solution.t), -1)[:, -1 if kind == "line" else 1]
     # The force of a row is the mean over its step, and of what the gap is on the way.
     assert abs(force.sum()) * 1e-4 == pytest.approx(2 * v, rel=1e-10)
     way = y[:-1, None] + np.diff(y)[:, None] * np.linspace(0, 1, 2001)
@@ -765,11 +768,17 @@ def test_balls_that_hit_in_turn_share_momentum_or_a_warning_says_that_steps_are_
 def row_of_wagons(how):
     """Three wagons of 0.5 kg that stops, ropes or contacts pull or push in turn, one at 1 m/s."""
     scene = fb.Scene()
-    if how == "stops of hinges":  # three rotors on one axis
-        rotors = [scene.add_body((0, 0), 1.0, 0.5).centre for _ in range(3)]
-        scene.add_joint(fb.Revolute(fb.GROUND, rotors[0]))
+    if how in ("stops of hinges", "stops of gears"):  # three rotors, in the former on one axis
+        places = [(0.2 * i * ("gear" in how), 0) for i in range(3)]
+        rotors = [scene.add_body(place, 1.0, 0.5).centre for place in places]
+        axle = scene.add_joint(fb.Revolute(fb.GROUND, rotors[0]))
         for a, b, gap in zip(rotors[:-1], rotors[1:], (0.01, 1e-4), strict=True):
-            scene.add_joint(fb.Revolute(a, b, stop=fb.Stop(-gap, None, 1e8)))
+            stop = fb.Stop(-gap, None, 1e8)
+            if "hinge" in how:
+                scene.add_joint(fb.Revolute(a, b, stop=stop))
+                continue
+            before, axle = axle, scene.add_joint(fb.Revolute(fb.GROUND, b))
+            scene.add_joint(fb.Gear(before, axle, ratio=1.0, stop=stop))
         scene.set_velocity(rotors[0], spin=1.0)
         return scene, rotors, 1.0
     wagons = [scene.add_body((x, 0), 0.5, 1.0).centre for x in (0.0, 0.2, 0.4)]
@@ -795,7 +804,7 @@ def row_of_wagons(how):
     return scene, wagons, way
 
 
-WAYS = "stops of joints", "stops of hinges", "stops between points"
+WAYS = "stops of joints", "stops of hinges", "stops of gears", "stops between points"
 WAYS += "ropes", "ropes of a length", "contacts"
 
 
@@ -807,9 +816,8 @@ def test_stops_and_ropes_that_are_hit_in_turn_say_so_in_both_orders(how, order, 
         caplog.clear()
         scene, wagons, way = row_of_wagons(how)
         row = fb.simulate(scene, fb.EnergyMomentum(order=order), dt=dt, t_end=0.04)
-        rates = (
-            row.spin(part)[-1] if "hinge" in how else row.velocity(part)[-1, 0] for part in wagons
-        )
+        turns = "hinge" in how or "gear" in how
+        rates = (row.spin(part)[-1] if turns else row.velocity(part)[-1, 0] for part in wagons)
         error = abs(way * np.array([*rates]) - [0, 0, 1]).max()
         assert error < 1e-3 or "share momentum wrongly" in caplog.text
     assert error < 1e-3 and not caplog.messages
