@@ -511,7 +511,8 @@ class Response(ParameterFunction):
         tape, derivatives, changes, observe, entries = self._begin_derivatives("vjp", outputs)
         boundaries = analysis.boundaries(tape)
         changing = {*self._parameters.scenes.changing, "hold"} & changes.keys()
-        number_slopes = {name: np.zeros(changes[name].shape[1:]) for name in changing}
+        # In an order that all processes share: so do the last digits of sums.
+        number_slopes = {name: np.zeros(changes[name].shape[1:]) for name in sorted(changing)}
         counting = np.zeros(len(analysis.t), dtype=bool)  # others need no states, nor fitted rates
         for name in outputs:
             counting |= checked[name].reshape(len(counting), -1).any(axis=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Set
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -270,10 +270,8 @@ class TangentDerivatives:
         # Whether the state follows from x by r = 0; where something flows, it follows from all load
         # steps before.
         self._state_follows = state is not None and not linear.model.kinks.flows
-        self._linear, self._steps = (
-            linear,
-            TangentSteps(linear, self._factor, damped, self._problem),
-        )
+        self._linear = linear
+        self._steps = TangentSteps(linear, self._factor, damped, self._problem)
         problem = self._steps.problem
         if problem is not self._problem:
             self._derivatives = TapeDerivatives(problem)
@@ -341,7 +339,7 @@ class TangentDerivatives:
     def by_x(self, slopes: Arrays, changes: Arrays | None = None) -> np.ndarray:
         """Derivatives (m,) by x from `slopes` by numbers and `changes` (m, ...) of the numbers."""
         changes, none = changes or self._changing, np.zeros(len(self.changes["X"]))
-        pairs = ((changes[name], slope) for name, slope in slopes.items() if name in changes)
+        pairs = ((changes[name], slopes[name]) for name in sorted(slopes) if name in changes)
         return sum((linear_change(*pair) for pair in pairs), none)
 
     def along_motions(self, pairs: Pairs) -> _Terms:
@@ -394,9 +392,11 @@ class TangentDerivatives:
         steps = self._steps.along(basis, time, curved)
         number_slopes, state_slopes = self._backwards(steps, force_weights, end_weights)
         if "mass" in number_slopes:
-            for n, derivatives in _by_mass(
-                self._steps.problem.model, terms, np.flatnonzero(weights)
-            ):
+            model, chosen = self._steps.problem.model, np.flatnonzero(weights)
+            most = max(1, int(_MEMORY / (16 * max(1, model.masses.matrix.nnz))))
+            for n in (chosen[k : k + most] for k in range(0, len(chosen), most)):
+                pairs = ((mass_weights[n], motions[n]) for mass_weights, motions in terms.masses)
+                derivatives = sum(by_mass_entries(model, *pair) for pair in pairs)
                 number_slopes["mass"] = number_slopes["mass"] + (weights[n] @ derivatives).real
         return number_slopes, state_slopes
 
@@ -479,17 +479,6 @@ class TangentDerivatives:
                 "critical point"
             )
         return weights.T
-
-
-def _by_mass(
-    model: Model, terms: _Terms, chosen: np.ndarray
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Numbers (k,) of some sums, and derivatives (k, entries) by the entries of the mass."""
-    most = max(1, int(_MEMORY / (16 * max(1, model.masses.matrix.nnz))))
-    for numbers in (chosen[k : k + most] for k in range(0, len(chosen), most)):
-        none = np.zeros((len(numbers), model.masses.matrix.nnz))
-        pairs = ((weights[numbers], motions[numbers]) for weights, motions in terms.masses)
-        yield numbers, sum((by_mass_entries(model, *pair) for pair in pairs), none)
 
 
 def _basis(directions: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
