@@ -102,10 +102,8 @@ def reduced_tangent(
         forces = couplings.unknown_count - len(loops) + loops.carried
         left, right = loops.stiffened()
         added_numbers = len(entries.row) + np.arange(len(left.row))
-        i, j = (
-            np.append(i, added_numbers),
-            np.append(j, added_numbers + len(added_numbers)),
-        )
+        i = np.append(i, added_numbers)
+        j = np.append(j, added_numbers + len(added_numbers))
         source = np.append(source, np.full(len(added_numbers), matrix.nnz + 1, np.int32))
         entries = Entries(*map(np.concatenate, zip(entries, left, right, strict=True)))
     extra = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2).T

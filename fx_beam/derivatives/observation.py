@@ -186,17 +186,6 @@ class Observation:
             name: kind_of(measured)(places, name, measured) for name, measured in outputs.items()
         }
 
-    @property
-    def _sizes(self) -> Mapping[str, tuple[int, int]]:
-        model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
-        sizes_of_state = fact(model, sizes_of)
-        columns, joints = sizes_of_state["constraints"], 3 * sizes_of_state["joints"]
-        sizes = {name: (n, width) for name, width in self._tape.widths.items()}
-        sizes |= {name: (n, len(entries)) for name, entries in self._entries.items()}
-        widths = model.size, joints // 3, joints, columns
-        sizes |= {name: (n, width) for name, width in zip(_FITTED, widths, strict=True)}
-        return sizes | {"constraints": (k, columns), "joints": (k, joints)}
-
     def vjp(
         self, weights: Arrays, later: Mapping[str, float], number_slopes: Arrays
     ) -> dict[str, np.ndarray]:
@@ -205,7 +194,15 @@ class Observation:
         Derivatives by numbers are added to `number_slopes`. `later` are sums of the weights of
         outputs that add up over the steps, in later parts.
         """
-        gradient = Gradient(self._sizes, number_slopes)
+        model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
+        sizes_of_state = fact(model, sizes_of)
+        columns, joints = sizes_of_state["constraints"], 3 * sizes_of_state["joints"]
+        sizes = {name: (n, width) for name, width in self._tape.widths.items()}
+        sizes |= {name: (n, len(entries)) for name, entries in self._entries.items()}
+        widths = model.size, joints // 3, joints, columns
+        sizes |= {name: (n, width) for name, width in zip(_FITTED, widths, strict=True)}
+        sizes |= {"constraints": (k, columns), "joints": (k, joints)}
+        gradient = Gradient(sizes, number_slopes)
         for name, output in self._outputs.items():
             output.vjp(weights[name], later.get(name, 0.0), gradient)
         if self._fit is not None:

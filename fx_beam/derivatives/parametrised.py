@@ -248,11 +248,8 @@ class SceneGradient:
         earlier = {} if self._checked or self._is_dual else numbers_of(known, np.zeros(len(x)))
         values_at_x, by_name = self._slopes(x, known, numbers_of)
         for name, values in earlier.items():
-            gap, size = (
-                abs(values_at_x[name] - values).max(initial=0.0),
-                abs(values).max(initial=0.0),
-            )
-            if gap > _SAME * size:
+            gap = abs(values_at_x[name] - values).max(initial=0.0)
+            if gap > _SAME * abs(values).max(initial=0.0):
                 raise SceneError(
                     f"Response: build gives other numbers than before at the same x: {name!r} of "
                     f"the scene differs by {gap:.2g}. They must depend on x alone"

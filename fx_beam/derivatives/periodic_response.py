@@ -285,19 +285,15 @@ def _held(changes: dict[str, np.ndarray], prescribed: np.ndarray) -> dict[str, n
     changes["q"][:, prescribed], changes["motors"] = np.split(at_start, [len(prescribed)], axis=1)
     for name in OF_STEPS & changes.keys():
         if (later := changes.pop(name + LATER, None)) is not None:
-            _check_repeats(changes[name], later)
+            differs = abs(later - changes[name])
+            differs = differs > _REPEATS * abs(changes[name]).max(initial=0.0)
+            if differs.any():
+                number = np.flatnonzero(differs.reshape(len(differs), -1).any(axis=1))[0]
+                raise SceneError(
+                    f"{WHAT}: x[{number}] changes the period of loads, or of driven motions, which "
+                    "must be the same for all x. A frequency is found by build(x, f)"
+                )
     return changes
-
-
-def _check_repeats(changes: np.ndarray, later: np.ndarray) -> None:
-    """Refuse numbers that change functions of time (m, ...) in another way after a period."""
-    differs = abs(later - changes) > _REPEATS * abs(changes).max(initial=0.0)
-    if differs.any():
-        number = np.flatnonzero(differs.reshape(len(differs), -1).any(axis=1))[0]
-        raise SceneError(
-            f"{WHAT}: x[{number}] changes the period of loads, or of driven motions, which must "
-            "be the same for all x. A frequency is found by build(x, f)"
-        )
 
 
 def _added(

@@ -200,11 +200,8 @@ class SmallLoads:
 
     def _largest_states(self, way: _Way) -> _Block:
         """States along the way of the loads, as large as their error is small."""
-        largest, blocks, least = (
-            _without_switch(self._what, self._stepper.path, self.state, way),
-            list[_Block](),
-            np.inf,
-        )
+        largest = _without_switch(self._what, self._stepper.path, self.state, way)
+        blocks, least = list[_Block](), np.inf
         for part in _SMALLER:  # lines and beams that guide may be short beside displacements
             block = self._states(way, part * largest)
             if not block.error >= _LESS * least:
@@ -251,10 +248,8 @@ class SmallLoads:
             if error <= _EXACT or not error < _WORTH * last or trial == _MOST:
                 break
             way, last = self._correction(missing), error
-            block = self._states(
-                way, _without_switch(self._what, self._stepper.path, self.state, way)
-            )
-            self._record(block)
+            largest = _without_switch(self._what, self._stepper.path, self.state, way)
+            self._record(block := self._states(way, largest))
             slopes = zip((residual, at_nodes, of_beams), block[3:6], strict=True)
             residual, at_nodes, of_beams = (known + new for known, new in slopes)
         self._record_forces(forces)
@@ -325,11 +320,8 @@ class SmallLoads:
 
     def _error(self, residual: np.ndarray) -> float:
         """Size of a residual (free,) relative to the loads."""
-        chosen = self._stepper.model.reduction.independent
-        sizes = (
-            abs(part * self._unit)[chosen].max(initial=0.0) for part in (residual, self._column)
-        )
-        left, loads = sizes
+        chosen, parts = self._stepper.model.reduction.independent, (residual, self._column)
+        left, loads = (abs(part * self._unit)[chosen].max(initial=0.0) for part in parts)
         return float(left / (loads or 1.0))
 
     def size(self) -> float:
@@ -392,7 +384,6 @@ class SmallForces:
 
     def __init__(
         self,
-        name: str,
         path: PathEquations,
         state: State,
         loads: np.ndarray,
@@ -405,7 +396,7 @@ class SmallForces:
         self._loads, self._force, self._a = loads, force, a
         #: Error of first-order equilibrium by the states, relative to forces and displacements.
         self.error = np.inf
-        largest = _without_switch(name, path, state, self._way)
+        largest = _without_switch("spectrum", path, state, self._way)
         for part in _SMALLER:  # lines and beams that guide may be short beside displacements
             found, error = self._found_states(part * largest)
             if not error >= _LESS * self.error:

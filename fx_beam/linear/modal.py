@@ -76,7 +76,7 @@ def _small_forces(
     force = -(about.model.masses.matrix @ a)
     x = about.stiffness.solve(about.unknown_forces(force))
     y, D = (about.columns @ x)[: path.model.reduction.free], about.at_nodes(x[:, None])[:, 0]
-    small = SmallForces("spectrum", path, start, about.loads, y, D, force, a)
+    small = SmallForces(path, start, about.loads, y, D, force, a)
     if not small.error < _AGREE:
         raise SceneError(
             "spectrum: small motions there and back from the state differ, as friction slips, or "
