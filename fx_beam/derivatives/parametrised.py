@@ -585,7 +585,7 @@ class ParameterFunction:
         twin._parameters.array_calls = self._parameters.array_calls
         return twin
 
-    def values_of_last_call(self) -> np.ndarray:
+    def _last_x(self) -> np.ndarray:
         """The parameters of the last call in this thread; empty if it failed, or made none."""
         has_called = "state" in self._of_thread.__dict__
         return self._state()._parameters.x if has_called else np.empty(0)

@@ -98,13 +98,14 @@ class Misfit:
     def __init__(
         self,
         run: Response,
+        last_x: Callable[[], np.ndarray],
         measured: Mapping[str, ArrayLike],
         scatter: ArrayLike | Mapping[str, ArrayLike],
     ):
         subject = "misfit: measured"
         ok = isinstance(measured, Mapping) and len(measured) > 0
         require(ok, subject, measured, "a dict of arrays by names of outputs")
-        self._run, pairs = run, measured.items()
+        self._run, self._last_x, pairs = run, last_x, measured.items()
         self._measured = {name: _measured(rows, f"{subject}[{name!r}]") for name, rows in pairs}
         scatters = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
         same_names = scatters.keys() == measured.keys()
@@ -125,7 +126,7 @@ class Misfit:
 
     def jacobian(self, x: ArrayLike) -> np.ndarray:
         """Derivatives (n, m) of deviations by x; without a motion if the last one was that of x."""
-        if not np.array_equal(self._run.values_of_last_call(), x):
+        if not np.array_equal(self._last_x(), x):
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
         self._check_shapes({name: slopes[..., 0] for name, slopes in J.items()})
@@ -467,7 +468,7 @@ class Response(ParameterFunction):
         require(cases.ndim == 2, "Response.map: X", X, "a table (k, m), a row for each case")
         ok = threads is None or is_whole(threads, 1, _MOST)
         require(ok, "Response.map: threads", threads, f"a whole number from 1 to {_MOST}")
-        first = 0 if len(self.values_of_last_call()) else 1
+        first = 0 if len(self._last_x()) else 1
         call = functools.partial(_called, self._twin())
         results = [call(x) for x in (cases if threads is None else cases[:first])]
         if threads is not None:
@@ -668,7 +669,7 @@ class Response(ParameterFunction):
         >>> least_squares(misfit, [1.0], jac=misfit.jacobian).x.round(6)
         array([2.])
         """
-        return Misfit(self, measured, scatter)
+        return Misfit(self, self._last_x, measured, scatter)
 
     def _begin_derivatives(self, method: str, outputs: Outputs) -> tuple[Any, ...]:
         """The tape of the last call, the derivatives of its steps, and of all numbers by x.
