@@ -179,10 +179,6 @@ def report(numbers):
 
 def draw(results, solution, temperatures, problem, heat):
     # Imported here: the numbers need neither matplotlib nor pyvista.
-    import dolfinx.plot
-
-    import pyvista
-
     from fx_beam import plot
     from shared import thumbnail
 
@@ -205,21 +201,8 @@ def draw(results, solution, temperatures, problem, heat):
     shapes.set(xlabel="$x$ [mm]", ylabel="$y$ [mm], magnified", title="while it snaps away")
     plot.save(figure, results / "fields.png")
 
-    # The last state by dolfinx's own way to VTK: the mesh, moved by u, with temperatures.
-    cells = getattr(dolfinx.plot, "vtk_mesh", None) or dolfinx.plot.create_vtk_mesh
-    grid = pyvista.UnstructuredGrid(*cells(problem.u.function_space))
-    u = problem.u.x.array.reshape(-1, 2)
-    grid["u"] = np.column_stack([0 * u[:, 0], u[:, 1], 0 * u[:, 0]])
-    grid["T"] = np.interp(grid.points[:, 0], 1e-3 * s, temperatures[-1])
-    plotter = pyvista.Plotter(off_screen=True, window_size=(1280, 480))
-    # Without its scale: VTK's wheel may crash beside Debian's dolfinx when it writes numbers.
-    look = {"line_width": 12, "show_scalar_bar": False}
-    plotter.add_mesh(grid, color="lightgrey", **look)
-    plotter.add_mesh(grid.warp_by_vector("u", factor=20.0), scalars="T", cmap="inferno", **look)
-    plotter.view_xy()
-    plotter.camera.zoom(1.6)
-    plotter.screenshot(str(results / "mesh.png"))
-    plotter.close()
+    shown = {"temperature $T$ [K]": problem.at_points(heat.T, [0.25, 0.75])}
+    plot.shapes(solution, results / "mesh.png", rows=[-1], colour=shown, magnify=20.0)
 
 
 def colour_of(part):
