@@ -21,6 +21,7 @@ from fx_beam.results.export import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
+from . import symbols
 from .drawing import (
     LARGEST,
     Drawing,
@@ -31,15 +32,6 @@ from .drawing import (
     words_over,
 )
 from .look import Colour, Look, Pen, Theme, theme_of
-from .symbols import (
-    DrawnMembers,
-    checked_marks,
-    colours_of,
-    draw_forces,
-    draw_held,
-    draw_members,
-    draw_moving,
-)
 
 
 def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
@@ -176,13 +168,13 @@ def animate(
         check_takes(scenery, "axes, k", "scenery")
     drawing = checked_drawing(solution, magnify, scene_unit, 100, rows, times, count)
     shown, words = drawing.rows, words_over(drawing, title)
-    members = DrawnMembers(drawing, thickness, colour, colour_limits, colour_scale)
+    members = symbols.DrawnMembers(drawing, thickness, colour, colour_limits, colour_scale)
     framed_points = members.corners
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution
         framed_points += [*drawing.positions(trace.number, slice(shown[0], max(shown) + 1))]
     drawing.include(framed_points)
-    marks = checked_marks(drawing, marks)
+    marks = symbols.checked_marks(drawing, marks)
     say_if_too_small(drawing)
     plane = _plane(drawing, colours, colour is not None, size)
     if colour is not None:
@@ -204,7 +196,7 @@ def animate(
 def _frames(
     plane: Plane,
     drawing: Drawing,
-    members: DrawnMembers | None,
+    members: symbols.DrawnMembers | None,
     theme: Theme,
     words: str,
     marks: dict[str, Node],
@@ -223,7 +215,7 @@ def _frames(
     if members is not None:
         lines = members.collection(Pen(ax, theme, drawing.thinness))
         if not members.has_colours:
-            lines.set_color(members.per_piece(colours_of(drawing)).tolist())
+            lines.set_color(members.per_piece(symbols.colours_of(drawing)).tolist())
         moving.append(ax.add_collection(lines))
     for artist in moving:
         artist.set_animated(True)  # left out of the static part of a frame
@@ -254,13 +246,13 @@ def _draw(
     """Draw row k, plain members included, with names of nodes and the path of one."""
     pen = Pen(ax, theme, drawing.thinness)
     if is_plain:
-        draw_members(pen, drawing, k)
+        symbols.draw_members(pen, drawing, k)
     if trace is not None:
         path = drawing.positions(trace.number, slice(drawing.rows[0], k + 1))
         pen.line(path, theme.soft, 1.0, 1)
-    draw_moving(pen, drawing, k)
-    draw_held(pen, drawing, drawing.parts(k), k)
-    draw_forces(pen, drawing, k)
+    symbols.draw_moving(pen, drawing, k)
+    symbols.draw_held(pen, drawing, drawing.parts(k), k)
+    symbols.draw_forces(pen, drawing, k)
     pen.finish()
     for name, node in marks.items():
         position = drawing.positions(node.number, k)

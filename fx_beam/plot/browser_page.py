@@ -21,19 +21,9 @@ from fx_beam.scene.forces_between import GroundSpring
 from fx_beam.scene.parts import Parts
 from fx_beam.scene.section import has_stresses
 
-from .drawing import Drawing, Outline, axis, checked_drawing, line_between, time_unit, words_over
+from . import symbols
+from .drawing import Drawing, Outline, checked_drawing, line_between, time_unit, words_over
 from .look import MEMBERS, THEMES
-from .symbols import (
-    SEQUENTIAL,
-    SIGNED,
-    WORDS,
-    hexadecimal,
-    is_a_rope,
-    is_signed,
-    marks_of,
-    supports_of,
-    unit_of,
-)
 
 _TEMPLATE = Path(__file__).with_suffix(".html")
 _ROWS = 200  # that are shown if none are named
@@ -183,16 +173,16 @@ def _stretch(drawing: Drawing, parts: Parts, places: list[int]) -> dict[str, obj
         "carried": [_carried(drawing, outlines) for outlines in zip(*carried, strict=True)],
         "supports": [
             {"points": points_of([node]), **support._asdict()}
-            for node, support in supports_of(drawing, parts).items()
+            for node, support in symbols.supports_of(drawing, parts).items()
         ],
         "markers": [
             {"marker": marker, "count": len(nodes), "points": points_of(nodes)}
-            for marker, nodes in marks_of(drawing, parts).items()
+            for marker, nodes in symbols.marks_of(drawing, parts).items()
         ],
         "between": [
             {
-                "spring": force.on.spring is not None and not is_a_rope(force),
-                "rope": is_a_rope(force),
+                "spring": force.on.spring is not None and not symbols.is_a_rope(force),
+                "rope": symbols.is_a_rope(force),
                 "count": len(line_between(drawing, force, rows[0])),
                 "points": _points(drawing, line_between(drawing, force, rows)),
             }
@@ -213,13 +203,12 @@ def _members(drawing: Drawing) -> dict[str, object]:
     if not beams:
         return {"beams": [], "points": "", "nodes": "", "s": "", "quantities": []}
     degree = next(iter(beams.values())).degree
-    elements, pieces = sum(beam.elements for beam in beams.values()), 1
+    elements, pieces = np.array([beam.elements for beam in beams.values()]), 1
     if degree > 1:  # a divisor of the lines that are drawn
-        pieces = next((n for n in (12, 6, 4, 3, 2) if n * elements <= _MANY), 1)
-    everywhere = drawing.positions(np.arange(len(solution.X)), drawing.rows)
+        pieces = next((n for n in (12, 6, 4, 3, 2) if n * elements.sum() <= _MANY), 1)
     positions, nodes, s = [], [], []
     for name, beam in beams.items():
-        points = axis(everywhere[:, solution.nodes_of_beam[name]], degree)
+        points = drawing.axis(name, drawing.rows)
         positions.append(points[:, :: (points.shape[1] - 1) // (beam.elements * pieces)])
         numbers = np.full(beam.elements * pieces + 1, -1)
         numbers[::pieces] = solution.nodes_of_beam[name][::degree]
@@ -252,14 +241,14 @@ def _known(solution: Solution) -> list[str]:
 def _quantity(drawing: Drawing, name: str, values: np.ndarray) -> dict[str, object]:
     values = values.reshape(len(drawing.rows), -1)
     largest = float(abs(values).max()) or 1.0
-    signed = is_signed(name)
-    scale = SIGNED if signed else SEQUENTIAL
+    signed = symbols.is_signed(name)
+    scale = symbols.SIGNED if signed else symbols.SEQUENTIAL
     return {
-        "name": WORDS.get(name, name).replace("$", ""),
-        "unit": unit_of(name, drawing.unit),
+        "name": symbols.WORDS.get(name, name).replace("$", ""),
+        "unit": symbols.unit_of(name, drawing.unit),
         "largest": largest,
         "signed": signed,
-        "colours": hexadecimal(scale, _SHADES),
+        "colours": symbols.hexadecimal(scale, _SHADES),
         "values": _whole(values / largest, np.int16),
     }
 

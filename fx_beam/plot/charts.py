@@ -359,8 +359,8 @@ def equilibrium_paths(
     matplotlib.figure.Figure
         The picture, with a single panel, ``figure.axes[0]``.
     """
-    static = isinstance(solution, Solution) and solution.stats.static
-    require(static, "solution", solution, "what fx_beam.static returned")
+    is_static = isinstance(solution, Solution) and solution.stats.static
+    require(is_static, "solution", solution, "what fx_beam.static returned")
     check_takes(value, "solution", "value")
     require(is_number(load), "load", load, "a number")
     load = float(load)

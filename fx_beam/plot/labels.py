@@ -65,11 +65,9 @@ class Labels:
         alike: dict[tuple, list[_Label]] = {}
         for label in self._labels:
             alike.setdefault((id(label.ax), label.text), []).append(label)
-        merged = []
-        for labels in alike.values():
-            if len(labels) > _OFTEN:
-                places = np.concatenate([label.places for label in labels])
-                merged.append(labels[0]._replace(places=places))
+        often = [labels for labels in alike.values() if len(labels) > _OFTEN]
+        places = [np.concatenate([label.places for label in labels]) for labels in often]
+        merged = [labels[0]._replace(places=x) for labels, x in zip(often, places, strict=True)]
         many = {label.text for label in merged}
         return [label for label in self._labels if label.text not in many] + merged
 

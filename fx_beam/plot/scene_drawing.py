@@ -129,10 +129,7 @@ def _moment(sheet: _Sheet, load: Load, si: bool) -> None:
 
 def _line_load(sheet: _Sheet, load: Load, si: bool) -> None:
     beam: Any = load.target
-    first, last = load.between or (0.0, beam.length)
-    arc, points = np.linspace(first, last, _count(sheet, last - first)), _axis(beam)
-    s = arc_of(points)
-    tips = interpolated(arc, s * beam.length / s[-1], points)
+    arc, tips, _ = _along(sheet, beam, *(load.between or (0.0, beam.length)))
     if isinstance(load.value, SignalAlong):
         loads = floats(load.value.values_at(arc, _largest(load)[0]))
     elif load.value.place:
@@ -144,22 +141,22 @@ def _line_load(sheet: _Sheet, load: Load, si: bool) -> None:
 
 def _pressure(sheet: _Sheet, scene: Scene, work: VirtualWork, si: bool) -> None:
     """Arrows across a beam, on the side from which the pressure pushes."""
-    if not isinstance(work.term, PressureTerm):
-        return
-    beam: Any = work.beam
-    start, *_, end = beam.s[slice(work.elements[0], (work.elements[1] or beam.elements) + 1)]
-    load = Load("line load", beam, scene.parameters.functions[work.term.pressure.name])
-    points = _axis(beam)
+    if isinstance(work.term, PressureTerm):
+        beam: Any = work.beam
+        start, *_, end = beam.s[slice(work.elements[0], (work.elements[1] or beam.elements) + 1)]
+        load = Load("line load", beam, scene.parameters.functions[work.term.pressure.name])
+        _, tips, tangents = _along(sheet, beam, start, end)
+        _arrows_along(sheet, tips, _shown(load) * left_of(tangents), load, si)
+
+
+def _along(sheet: _Sheet, beam: Beam, start: float, end: float) -> tuple[np.ndarray, ...]:
+    """Arc lengths (n,) of arrows from one to another, their points (n, 2) and tangents (n, 2)."""
+    count = 1 + max(2, min(40, int((end - start) / (_APART * sheet.pen.point))))
+    arc, points = np.linspace(start, end, count), _axis(beam)
     s = arc_of(points)
-    arc = np.linspace(start, end, _count(sheet, end - start)) * s[-1] / beam.length
-    tangents = interpolated(arc, s, np.gradient(points, s, axis=0))
-    tips = interpolated(arc, s, points)
-    _arrows_along(sheet, tips, _shown(load) * left_of(tangents), load, si)
-
-
-def _count(sheet: _Sheet, length: float) -> int:
-    """Number of arrows along a length."""
-    return 1 + max(2, min(40, int(length / (_APART * sheet.pen.point))))
+    places = arc * s[-1] / beam.length
+    columns = points, np.gradient(points, s, axis=0)
+    return arc, *(interpolated(places, s, values) for values in columns)
 
 
 def _arrows_along(sheet: _Sheet, tips: np.ndarray, loads: np.ndarray, load: Load, si: bool) -> None:
@@ -226,10 +223,10 @@ def _prescribed(sheet: _Sheet, scene: Scene) -> None:
 def _motors(sheet: _Sheet, scene: Scene) -> None:
     for joint in scene.joints:
         for name in joint.driven:
-            text = {"slide": "motor d(t)", "rotation": r"motor $\psi$(t)"}[name]
-            text = "locked" if isinstance(joint.coordinates[name].motor, Locked) else text
-            direction = joint.direction if name == "slide" else None
-            _driven(sheet, position_of(node_of(joint)), text, direction)
+            way, text = (joint.direction, "d") if name == "slide" else (None, r"$\psi$")
+            is_locked = isinstance(joint.coordinates[name].motor, Locked)
+            text = "locked" if is_locked else f"motor {text}(t)"
+            _driven(sheet, position_of(node_of(joint)), text, way)
 
 
 def _driven(sheet: _Sheet, position, text: str, direction: np.ndarray | None) -> None:
