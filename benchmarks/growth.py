@@ -122,14 +122,13 @@ def contacts(n):
 
 
 def members(n):
-    """A beam of n elements that lies on another one."""
+    """A beam of n elements that lies on another one, which lies on a bed."""
     scene = fb.Scene(gravity=(0, -9.81))
     below = scene.add_beam([(0, 0), (n, 0)], SECTION, elements=n)
     above = scene.add_beam([(0, 0.1), (n, 0.1)], SECTION, elements=n)
-    scene.clamp(below.start)
-    scene.clamp(below.end)
+    scene.add_bed(below, normal=1e4, tangential=1e4)
     for end in (above.start, above.end):
-        scene.pin(end)
+        scene.fix(end, "x")
     scene.add_contact(above, below, stiffness=1e5, radius=0.05)
     return scene, above.node(0.5)
 
@@ -331,6 +330,22 @@ def seconds(run):
     return process_time() - begin
 
 
+def calls(run):
+    """Number of calls of functions, also of those in C."""
+    events = 0
+
+    def count(*_):
+        nonlocal events
+        events += 1
+
+    sys.setprofile(count)
+    try:
+        run()
+        return events
+    finally:
+        sys.setprofile(None)
+
+
 def peak(run):
     """Largest number of bytes in arrays at a time."""
     tracemalloc.start()
@@ -341,14 +356,18 @@ def peak(run):
         tracemalloc.stop()
 
 
-def measure(kind, n, count, only):
-    """Costs of a scene by their names; nan for what the scene refuses."""
-    make, values = KINDS[kind], {}
-    for name, run in costs(make, 8):  # loads and compiles
+def warm(kind, only):
+    """Load and compile, with a small scene."""
+    for name, run in costs(KINDS[kind], 8):
         if wanted(name, only):
             with suppress(*REFUSED):
                 run()
-    for name, run in costs(make, n):
+
+
+def measure(kind, n, count, only):
+    """Costs of a scene by their names; nan for what the scene refuses."""
+    values = {}
+    for name, run in costs(KINDS[kind], n):
         if not wanted(name, only):
             continue
         try:
@@ -390,6 +409,7 @@ def main():
     if chosen.one:
         kind, n = chosen.kinds
         count = peak if chosen.quick else seconds
+        warm(kind, chosen.only)
         for name, value in measure(kind, int(n), count, chosen.only).items():
             print(name, value, sep="\t")
         return
