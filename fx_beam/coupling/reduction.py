@@ -150,6 +150,17 @@ def columns_of_slides(couplings: Couplings) -> np.ndarray:
 
 
 @cached_by_content
+def runs_of(column: np.ndarray) -> dict[str, Any]:
+    """Runs of entries whose columns follow each other, by the names in c/tables.h.
+
+    None if they are short.
+    """
+    starts = np.flatnonzero(np.diff(column, prepend=-2, append=-2) != 1)
+    if 8 * len(starts) > len(column):
+        return {}
+    return {"runs": len(starts) - 1, "run_start": starts, "run_column": column[starts[:-1]]}
+
+
 def _products(
     row: np.ndarray, moves: np.ndarray, used: np.ndarray, indptr: np.ndarray, indices: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -238,6 +249,7 @@ class JointsInC:
                 "equal": np.count_nonzero(equal),
                 "row": entries.row,
                 **entries.members(),
+                **runs_of(entries.column),
             },
             "joints": {
                 "count": len(arm_joints),

@@ -72,7 +72,7 @@ class _Form(tuple):
 
 
 class Structure:
-    """The structure of a scene as it is now, as a key; the scene may change later."""
+    """The structure of a scene as it is now, to compare; the scene may change later."""
 
     def __init__(self, scene: Scene):
         #: Numbers of nodes, beams, joints and bodies.
@@ -82,15 +82,10 @@ class Structure:
         )
         self._forms = _forms_of(scene)
         self._functions = (*((name, _frozen(value)) for name, value in expressions_of(scene)),)
-        self._hash = hash((self.counts, *self._forms.items(), *self._functions))
-
-    def __hash__(self) -> int:
-        return self._hash
 
     def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, Structure)
-            and self._hash == other._hash
             and self.counts == other.counts
             and self._forms == other._forms
             and self._functions == other._functions

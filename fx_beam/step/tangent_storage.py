@@ -17,7 +17,7 @@ from fx_beam.mpi import under_mpirun
 
 from .model import Model, fact, massless_dofs
 from .newton import NewtonOptions
-from .sparse_lu import COSTS, GROUP, NONE, Factors, factors_of, graph_of, groups_of
+from .sparse_lu import COSTS, GROUP, NONE, ROW, Factors, factors_of, graph_of, groups_of
 
 if TYPE_CHECKING:
     from fx_beam.coupling.dependent_columns import Slide, Sliders
@@ -196,7 +196,15 @@ class TangentStorage:
         self.mass_entries = np.ascontiguousarray(blocks.reshape(-1, 9)[:, ::4])
         stored_at = self.stored_at[self.mass_entries]
         mass = {"start": starts, "dof": 3 * nodes, "stored_at": stored_at}
-        problem.set(tables={"mass": mass})
+        # In a chain masses set all entries of two nodes in three rows of a group: those of most groups.
+        is_set = np.zeros(problem.c.tables.tangent.stored, bool)
+        if chain := problem.c.tables.system.chain:
+            first = stored_at[stored_at[:, 2] == stored_at[:, 0] + 2 * (ROW + 1), 0]
+            is_set[first[:, None, None] + ROW * np.arange(3)[:, None] + np.arange(4)] = True
+            groups = is_set[: GROUP * ROW * chain].reshape(chain, -1)
+            groups[:] = groups.all(axis=1)[:, None]
+        gap = np.flatnonzero(np.diff(is_set, prepend=True, append=True)).astype(np.int32)
+        problem.set(tables={"mass": mass, "tangent": {"gaps": len(gap) // 2, "gap": gap}})
         if model.forms.nodal_rules:
             problem.set(tables={"scheme": {"rule_stored_at": self.stored_at[blocks]}})
 

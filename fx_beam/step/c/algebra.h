@@ -39,7 +39,15 @@ HOT double largest(int n, const double *x, const double *per_unit) {
   return top.size;
 }
 
-/* Product of the mass matrix and x. With a tangent K, the matrix times `steep` and the slopes of its columns is stored there. */
+/* The tangent without anything in what masses do not set, and ones where nothing else is. */
+static void begin_tangent(const Tables *p, double *K) {
+  for (const int *gap = p->tangent.gap; gap < p->tangent.gap + 2 * p->tangent.gaps; gap += 2)
+    memset(K + gap[0], 0, (gap[1] - gap[0]) * sizeof(double));
+  for (int k = 0; k < p->system.paddings; ++k) K[p->system.padding[k]] = 1;
+}
+
+/* Product of the mass matrix and x. With a tangent K, the matrix times `steep` and the slopes of its columns is stored there: in
+   a chain with zeros in the other entries of a pair of nodes, where these are in three rows of a group. */
 INLINED void multiply_mass(const Tables *p, const Numbers *s, const double *restrict x, double *restrict out, double *K,
                            double steep, const double *restrict slope) {
   const int *end = p->mass.start + 1, *dof = p->mass.dof, *at = p->mass.stored_at;
@@ -51,7 +59,11 @@ INLINED void multiply_mass(const Tables *p, const Numbers *s, const double *rest
       sum += pair_mass * load(x + *dof);
       if (!K) continue;
       pair_mass *= steep * load(slope + *dof);
-      K[at[0]] = pair_mass[0], K[at[1]] = pair_mass[1], K[at[2]] = pair_mass[2];
+      if (HAS(CHAIN) && p->system.chain && at[2] == at[0] + 2 * (ROW + 1)) {
+        double *row = K + at[0];
+        *(Four *)row = PICK(pair_mass, (Four){0}, 0, 5, 6, 7), *(Four *)(row + ROW) = PICK(pair_mass, (Four){0}, 4, 1, 6, 7);
+        *(Four *)(row + 2 * ROW) = PICK(pair_mass, (Four){0}, 4, 5, 2, 7);
+      } else K[at[0]] = pair_mass[0], K[at[1]] = pair_mass[1], K[at[2]] = pair_mass[2];
     }
     put_three(sum, out);
   }

@@ -8,7 +8,7 @@
 
 /* Row of an unknown: three couplings with the group before, with its diagonal and with the group after, each
    followed by a free place. */
-enum { BEFORE = 0, DIAGONAL = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW };
+enum { BEFORE = 0, DIAGONAL = 4, AFTER = 8, GROUP = 3 * ROW };
 
 /* Solves the equations of a group with these diagonal rows, for three rows of right sides. Rows are multiplied by pivots, not
    divided by them, so that no division waits for another one. The solution is not finite if a pivot is zero. */

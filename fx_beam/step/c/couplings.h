@@ -61,7 +61,11 @@ static int begin_couplings(const Tables *p, const Numbers *s, const Work *w) {
 
 /* Small changes of all degrees of freedom for those z of the columns; without values their increments without arms. */
 INLINED void spread_columns(const Tables *p, const Work *w, const double *values, double *z, double *out) {
-  if (!HAS(COUPLED)) return gather(p->dofs, z, p->map.column, out);
+  const int *start = p->map.run_start;
+  if (!HAS(COUPLED) && !p->map.runs) return gather(p->dofs, z, p->map.column, out);
+  for (int k = 0; !HAS(COUPLED) && k < p->map.runs; ++k)
+    memcpy(out + start[k], z + p->map.run_column[k], (start[k + 1] - start[k]) * sizeof *out);
+  if (!HAS(COUPLED)) return;
   if (p->auxiliary.count) change_auxiliaries(p, w, values, z);
   memset(out, 0, p->dofs * sizeof *out);
   for (int k = 0; k < p->map.equal; ++k) out[p->map.row[k]] += z[p->map.column[k]];
@@ -148,9 +152,10 @@ static void spread(const Tables *p, const Work *w, double *z, double *out) {
 
 /* Adds Tv^T r. */
 INLINED void add_rows(const Map *map, const Work *w, const double *r, double *out) {
-  const int *row = map->row, *column = map->column;
+  const int *row = map->row, *column = map->column, *start = map->run_start, runs = HAS(COUPLED) ? 0 : map->runs;
+  for (int k = 0; k < runs; ++k) add_times(start[k + 1] - start[k], 1, r + start[k], out + map->run_column[k]);
 #pragma GCC unroll 4
-  for (int k = 0; k < map->equal; ++k) out[column[k]] += r[HAS(COUPLED) ? row[k] : k];
+  for (int k = 0; !runs && k < map->equal; ++k) out[column[k]] += r[HAS(COUPLED) ? row[k] : k];
   for (int k = map->equal; HAS(COUPLED) && k < map->count; ++k)
     out[map->column[k]] += map->sign[k] * w->virtual_map[map->value[k]] * r[map->row[k]];
 }

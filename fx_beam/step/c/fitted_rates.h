@@ -83,8 +83,7 @@ static int begin_fit(const Tables *p, const Numbers *s, Work *w, const Fits *fit
   if (p->sliders.count) memset(w->loaded, 0, p->dofs * sizeof(double));
   for (int i = 0; i < p->sliders.count; ++i) memset(w->slider[i].force, 0, sizeof w->slider->force);
   if (same) return 1;
-  memset(K, 0, p->tangent.stored * sizeof(double));
-  for (int k = 0; k < p->system.paddings; ++k) K[p->system.padding[k]] = 1;
+  begin_tangent(p, K);
   multiply_mass(p, s, w->D, w->scratch, K, 1, w->slope);
   for (int i = 0; i < p->dofs; ++i)
     if (s->viscous_weight[i] > 0) K[w->statics.diagonal_at[i]] += s->viscous_weight[i];

@@ -122,8 +122,7 @@ static void balance(const Tables *p, const Numbers *s, const Work *w) {
   work_increment(p, w);
   acceleration(p, &s->frame, w, w->dt);
   memset(w->f, 0, p->dofs * sizeof(double));
-  memset(K, 0, p->tangent.stored * sizeof(double));
-  for (int k = 0; k < p->system.paddings; ++k) K[p->system.padding[k]] = 1;
+  begin_tangent(p, K);
   inertia(p, s, w, w->r, K);
   assemble(p, s, w, K);
   add_difference(p->dofs, w->f, w->force, w->r);

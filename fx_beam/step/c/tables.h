@@ -13,7 +13,8 @@ enum {
   SUB_STEPS = 32,   /* most sub-steps of a scheme */
   AVERAGED = 3,     /* differences that are averaged in a local error */
   CORRECTIONS = 8,  /* last corrections of Newton's method whose sizes are stored */
-  GROUP_SIZE = 4    /* directions in which derivatives forwards are followed at once */
+  GROUP_SIZE = 4,   /* directions in which derivatives forwards are followed at once */
+  ROW = 12          /* numbers of an unknown's row in the tangent of a chain (chain.h) */
 };
 
 /* The first bordering row (bordering_rows.h) in lists of positions in the elimination; others are below it, and -1 is none. */
@@ -70,10 +71,11 @@ typedef struct { int count, per_cell; const int *start, *at; } Natural;
 typedef struct { int count, follower_forces; const int *start, *dof; } Loads;
 
 /* The full tangent in compressed rows; `stored_at` has the storage index of each value. Entries that are
-   entries of the reduced tangent share its storage; the others are behind it. */
+   entries of the reduced tangent share its storage; the others are behind it. Masses set all but some gaps. */
 typedef struct {
   int stored;            /* number of values */
   const int *row_start, *column_of, *stored_at;
+  int gaps; const int *gap; /* [gaps][start, end] */
   int reacting; const int *reacts; /* rows with forces of supports and joints */
 } Tangent;
 
@@ -87,6 +89,9 @@ typedef struct { const int *start, *dof, *stored_at; } Mass;
 typedef struct {
   int count; const int *row, *column, *value; const double *sign;
   int equal;            /* number of the first entries, which are 1: all, one of each row in turn, where nothing is COUPLED */
+  /* Where nothing is COUPLED, runs of entries whose columns follow each other: where each begins, with its column; none if they
+     are short. */
+  int runs; const int *run_start, *run_column;
 } Map;
 
 /* Joints whose arms depend on the motion: rotations of the carrier and of the node it carries (-1: ground), column of the
