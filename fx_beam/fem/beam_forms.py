@@ -81,6 +81,8 @@ class BeamForms:
         step = self._compiled()
         #: What is known of the forms.
         self.facts = facts = StepFacts(**step.facts["step"])
+        #: Whether the virtual work of resultants is that of a user's class.
+        self.has_own_work = "own work" in step.facts
         if facts.needs_previous and len(scheme.fractions) > 1:
             raise SceneError(
                 f"{scheme.name}: its resultants depend on the last step, so that it cannot "

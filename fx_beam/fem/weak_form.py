@@ -434,7 +434,15 @@ class WeakForm:
         }
         present = {name: form for name, form in forms.items() if form}
         facts = {"step": self._facts()._asdict(), "spaces": {"internal variables": ["internal"]}}
-        return Written(present, self.named, facts)
+        return Written(
+            present, self.named, facts | {"own work": True} if self._has_own_work else facts
+        )
+
+    @property
+    def _has_own_work(self) -> bool:
+        """Whether the virtual work of resultants is that of a user's class."""
+        parts = (r for resultants in self.laws.parts for r in resultants)
+        return any(not type(r).virtual_work.__module__.startswith("fx_beam.") for r in parts)
 
     def _facts(self) -> StepFacts:
         fields, residual = self.fields, self._residual

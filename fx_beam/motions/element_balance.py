@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import dual_array, floats
-from fx_beam.errors import any_of
+from fx_beam.errors import any_of, warn_once
 from fx_beam.fem.functions_of_time import LoadedBeams, dead_loads
 from fx_beam.fem.mass import masses_of_points
 from fx_beam.fem.mesh import Mesh
@@ -33,7 +33,14 @@ class ElementLoads:
     """
 
     def __init__(self, model: Model, loaded_beams: LoadedBeams, X: Any):
-        mesh, loads = model.mesh, loaded_beams.loads
+        mesh, loads, beams = model.mesh, loaded_beams.loads, model.forms.beams
+        if beams is not None and beams.has_own_work:
+            warn_once(
+                f"section forces at places: the virtual work of {model.scheme.name} is your own. M "
+                "is its couple; N and Q are components along sections that turn by psi, as in "
+                "Reissner's theory. Those of your theory are resultants(beam).N and .Q, at the "
+                "Gauss points"
+            )
         numbers = np.arange(mesh.elements.size).reshape(mesh.elements.shape)
         own = floats(X)[mesh.elements].reshape(-1, 2)
         #: The mesh with own nodes of each element.

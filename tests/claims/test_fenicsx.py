@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import re
 import subprocess
 import sys
 
@@ -582,6 +583,17 @@ def test_a_problem_is_written_with_the_names_of_its_fields():
     assert lines[-2:] == ["50 u . delta_u", "(-max(0, u[1])) delta_u[1]"]
     problem.replace_form(damage * ufl.dot(step.Du, step.virtual_u) * problem.dx)
     assert problem.written().splitlines()[0] == "delta_W = damage Delta_u . delta_u"
+
+
+def test_printed_forms_have_the_names_of_functions_and_constants():
+    scene, beam = cantilever()
+    scene.add_drag(beam, linear=0.1)
+    problem = fenicsx.Problem(scene, fb.Newmark(), dt=DT)
+    problem.add(-problem.step.t * problem.step.virtual_u[1] * problem.dx)
+    text = " ".join(map(str, [*problem.parts, problem.F_inertia]))
+    names = "start increment stiffness velocity acceleration drag_linear dt time rhoA_rhoI"
+    assert {*names.split()} <= {*re.findall(r"\w+", text)}
+    assert not re.findall(r"\b(f|[wc]_?\d+)\b", text)
 
 
 def test_numbers_are_expressions():

@@ -272,3 +272,48 @@ def test_fields_of_all_members_are_those_of_each():
         each = [in_rows(solution.resultants(beam), [1, 3]) for beam in beams]
         expected = np.concatenate([part.in_elements(name, places) for part in each], axis=1)
         np.testing.assert_allclose(values, expected, atol=1e-12 * abs(expected).max())
+
+
+class VonKarman(fb.Resultants):
+    """Moderate deflections along x: N is along x, and Q beside it with N w'."""
+
+    def virtual_work(self, step):
+        slope, bent = step.prime(step.u0 + step.Du)[1], step.prime(step.virtual_psi)
+        du, dw = step.prime(step.virtual_u)
+        return self.N * (du + slope * dw) + self.Q * (dw - step.virtual_psi) + self.M * bent
+
+
+def moderate(step, law):
+    (du, dw), psi = step.prime(step.u0 + step.Du), step.psi0 + step.Dpsi
+    N, Q, M = law.resultants(du + dw**2 / 2, dw - psi, step.prime(psi))
+    return VonKarman(step.t0, step.t0, N, Q, M, m=M)
+
+
+def softening(step, law):
+    r = fb.Newmark().resultants(step, law).end
+    M = r.M / (1 + 1e-4 * r.M**2)
+    return r._replace(N=r.N - 1e-3 * r.N**3, M=M, m=M)
+
+
+@pytest.mark.parametrize("resultants", [softening, moderate], ids=lambda of: of.__name__)
+def test_section_forces_of_ones_own_laws_are_in_balance_and_of_other_theories_are_told(
+    resultants, caplog
+):
+    """A massless cantilever under -30 N at its tip: its moment by the arm, moved or as drawn."""
+    scene, beam = clamped_bar((1, 0), fb.Section(1e4, 1e4, 100.0, rhoA=0.0), 8)
+    scene.add_force(beam.end, lambda t: (0, -30.0 * t))
+    scheme = fb.Scheme("own", resultants, fb.NewmarkRates(0.25, 0.5))
+    solution = fb.simulate(scene, scheme, dt=0.25, t_end=1.0)
+    caplog.clear()
+    (x, *_), psi = solution.shape(beam)[-1].T, solution.q[-1, :, 2]
+    forces, ends = solution.resultants(beam), beam.s
+    at_nodes = forces.at(ends)
+    if resultants is softening:
+        np.testing.assert_allclose(at_nodes.M[-1], -30 * (x[-1] - x), atol=1e-9)
+        np.testing.assert_allclose(at_nodes.N[-1], -30 * np.sin(psi), atol=1e-9)
+        assert "your own" not in caplog.text
+    else:
+        np.testing.assert_allclose(at_nodes.M[-1], -30 * (1 - ends), atol=1e-9)
+        np.testing.assert_allclose(forces.N[-1], 0, atol=1e-9)  # at the ends -30 sin(psi)
+        np.testing.assert_allclose(forces.Q[-1], -30, atol=1e-9)
+        assert "the virtual work of own is your own. M is its couple" in caplog.text
