@@ -480,7 +480,6 @@ _BEAM = "Use scene.add_beam(points, section, elements=...)"
 _LOAD = "Use scene.add_force, scene.add_moment or scene.add_line_load"
 _MOTION = "Use fb.simulate(scene, dt=..., t_end=...), or fb.Motion for single steps"
 _RESULTANTS = "Use solution.resultants(beam).M, .N, .Q"
-_TIMES = "Steps have the length dt and end at t_end; rows are chosen by record=fb.Record(...)"
 _OTHERS: dict[str, dict[str, str]] = {
     "fx_beam": {
         **dict.fromkeys(("solve", "run", "analyse", "analyze"), _RUN),
@@ -567,16 +566,22 @@ _OTHERS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("J", "Iz", "inertia", "second_moment"), "A section has I, EI and rhoI"),
         **dict.fromkeys(("rho", "density", "mass", "m"), "A section has rhoA and rhoI"),
     },
-    "keyword": {
-        **dict.fromkeys(("t_eval", "t_span", "times", "tspan"), _TIMES),
-        **dict.fromkeys(("steps", "n_steps"), "Use dt and t_end, or in statics load_steps"),
-        **dict.fromkeys(("t", "T", "t_final", "duration", "tf"), "Use t_end"),
-        **dict.fromkeys(("h", "time_step", "timestep", "step"), "Use dt"),
-        **dict.fromkeys(("scale", "scale_factor", "factor"), "Use magnify"),
-        **dict.fromkeys(("filename", "file", "output"), "Use path"),
-        **dict.fromkeys(("num_modes", "nmodes", "k"), "Use n"),
-        "method": "Use scheme",
-    },
+}
+# Keywords of other programs, and ours: those that a function has are named.
+_KEYWORDS = {
+    **dict.fromkeys(("t_eval", "t_span", "times", "tspan"), ("dt", "t_end", "record")),
+    **dict.fromkeys(("steps", "n_steps"), ("load_steps", "dt", "t_end")),
+    **dict.fromkeys(("t", "T", "t_final", "duration", "tf"), ("t_end",)),
+    **dict.fromkeys(("h", "time_step", "timestep", "step"), ("dt",)),
+    **dict.fromkeys(("scale", "scale_factor", "factor"), ("magnify",)),
+    **dict.fromkeys(("filename", "file", "output"), ("path",)),
+    **dict.fromkeys(("num_modes", "nmodes", "n_modes", "k"), ("n", "stiffness")),
+    **dict.fromkeys(("n_elements", "num_elements", "nelem", "ne"), ("elements",)),
+    **dict.fromkeys(("order", "p"), ("degree",)),
+    **dict.fromkeys(("J", "I"), ("inertia",)),
+    "density": ("rho",),
+    "m": ("mass",),
+    "method": ("scheme",),
 }
 
 
@@ -586,6 +591,8 @@ def hint(kind: str, name: str, names: Iterable[str]) -> str:
     Names of methods are compared without "add_", in which nearly all of them are alike.
     """
     known = _OTHERS.get(kind, {}).get(name)
+    if kind == "keyword" and (fitting := [x for x in _KEYWORDS.get(name, ()) if x in names]):
+        known = f"Use {' and '.join(fitting)}"
     if known is not None:
         return f". {known}"
     ours = {other.removeprefix("add_"): other for other in names}
@@ -612,30 +619,45 @@ def answering(kind: _Kind) -> _Kind:
     return kind
 
 
+def keyword_hint(error: TypeError, keywords: Iterable[str], names: Iterable[str]) -> str:
+    """A hint for the first keyword that is not among the names, if the error is of keywords."""
+    unknown = [name for name in keywords if name not in names]
+    is_unexpected = unknown and "unexpected keyword" in str(error)
+    return hint("keyword", unknown[0], names) if is_unexpected else ""
+
+
 def add_hint(error: TypeError, function: Callable, keywords: Iterable[str]) -> None:
     """Add a hint to the error of a call, if it has a keyword that the function does not know."""
-    names = inspect.signature(function).parameters
-    unknown = [name for name in keywords if name not in names]
-    if unknown and "unexpected keyword" in str(error):
-        error.args = (f"{error}{hint('keyword', unknown[0], names)}",)
+    if more := keyword_hint(error, keywords, inspect.signature(function).parameters):
+        error.args = (f"{error}{more}",)
 
 
-def answering_keywords(function: Any, home: str) -> Any:
-    """A function of the module `home`, with hints for keywords that it does not have.
+def answering_keywords(called: Any, home: str = "") -> Any:
+    """A function of the module `home`, or a class, with hints for keywords that it does not have.
 
-    Functions with a decorator are as they are: it adds the hints.
+    Functions with a decorator are as they are: it adds the hints. Of a class all public methods
+    get hints, and its constructor.
     """
-    if not isinstance(function, FunctionType) or hasattr(function, "__wrapped__"):
-        return function
-    called: Callable = function
+    if isinstance(called, type):
+        for kind in called.__mro__:
+            own = vars(kind) if kind.__module__.startswith("fx_beam") else {}
+            for name, method in [*own.items()]:
+                function = getattr(method, "__func__", method)  # of a class method
+                if name[0] != "_" or name == "__init__":
+                    answer = answering_keywords(function, kind.__module__)
+                    if answer is not function:
+                        setattr(kind, name, answer if method is function else type(method)(answer))
+        return called
+    if not isinstance(called, FunctionType) or hasattr(called, "__wrapped__"):
+        return called
 
     @functools.wraps(called)
-    def answer(*arguments, **options):
+    def answer_call(*arguments, **options):
         try:
             return called(*arguments, **options)
         except TypeError as error:
             add_hint(error, called, options)
             raise
 
-    answer.__module__ = home  # where pickles find it
-    return answer
+    answer_call.__module__ = home  # where pickles find it
+    return answer_call

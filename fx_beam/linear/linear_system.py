@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg
 
-from fx_beam.errors import SceneError, is_whole, require
+from fx_beam.errors import SceneError, answering_keywords, is_whole, require
 from fx_beam.fem.point_values import AN_INSTANT, PointValues
 from fx_beam.laws.interval import StepBatch
 from fx_beam.motions.initial_state import end_of
@@ -253,6 +253,7 @@ _KINDS = (OF_NODES | OF_JOINTS | OF_LINES).items()
 _LINEAR = [name for name, quantity in _KINDS if quantity.of in _MOTION_ARRAYS]
 
 
+@answering_keywords
 @dataclass(frozen=True, repr=False)
 class LinearSystem:
     r"""Small deviations from a state: :math:`\dot x = A x + B u`, :math:`y = C x + D u`.

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.errors import Failure, answering, is_one_of, real_array, require
+from fx_beam.errors import Failure, answering, answering_keywords, is_one_of, real_array, require
 from fx_beam.scene.beam import Beam, gauss_rule, lagrange
 from fx_beam.scene.loads import label
 from fx_beam.scene.notebook import html_table, sketch
@@ -425,6 +425,7 @@ class Stats:
         self.ended_by[ended_by] = self.ended_by.get(ended_by, 0) + 1
 
 
+@answering_keywords
 @answering
 @dataclass(frozen=True)
 class BeamResultants:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from fx_beam.errors import SceneError, is_one_of, no_attribute, shown
+from fx_beam.errors import SceneError, answering_keywords, is_one_of, no_attribute, shown
 from fx_beam.scene import outputs as quantities
 from fx_beam.scene.beam import Beam, BeamPlace, Node, no_node
 from fx_beam.scene.body import Body
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 _LATER = {*HISTORIES, "energy", "end"}
 
 
+@answering_keywords
 class Solution:
     """Motion of a scene over time, or its equilibria over the load factor.
 

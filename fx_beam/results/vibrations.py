@@ -212,6 +212,7 @@ class Participation(NamedTuple):
         return self.effective_masses / self.total
 
 
+@errors.answering_keywords
 @dataclass(frozen=True)
 class Modes:
     r"""Free vibrations about a configuration, lowest first.
@@ -562,6 +563,7 @@ def first_of_largest(sizes: np.ndarray) -> int:
     return int((sizes >= (1 - _EQUAL) * sizes.max()).argmax())
 
 
+@errors.answering_keywords
 @dataclass(frozen=True, repr=False)
 class FrequencyResponse:
     r"""Steady vibrations of a node or joint; returned by `frequency_response`.

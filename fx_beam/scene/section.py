@@ -118,9 +118,11 @@ def _constructor(shape: Callable[..., _Shape] | None) -> Callable[[Callable], Ca
             try:
                 bound = signature.bind(*values, **named)
             except TypeError as error:
+                more = errors.keyword_hint(error, named, signature.parameters)
                 raise SceneError(
-                    f"Section.{documented.__name__}: {error}. With named sizes write **material, "
-                    "as in Section.rectangle(height=0.02, width=0.01, **fx_beam.materials.steel)"
+                    f"Section.{documented.__name__}: {error}{more}. With named sizes write "
+                    "**material, as in Section.rectangle(height=0.02, width=0.01, "
+                    "**fx_beam.materials.steel)"
                 ) from None
             bound.apply_defaults()
             data = bound.arguments

@@ -220,14 +220,24 @@ def test_a_name_that_is_like_none_of_ours_has_no_guess(name):
 @pytest.mark.parametrize(
     ("call", "name", "real"),
     [
-        (lambda scene: fb.simulate(scene, dt=0.1, t_end=1.0, t_eval=[0.5]), "t_eval", "Record"),
+        (lambda scene: fb.simulate(scene, dt=0.1, t_end=1.0, t_eval=[0.5]), "t_eval", "record$"),
         (lambda scene: fb.static(scene, load_step=3), "load_step", "'load_steps'"),
         (lambda scene: fb.modes(scene, num_modes=3), "num_modes", "Use n$"),
+        (lambda scene: fb.Motion(scene, dt=0.1, t_eval=[0.5]), "t_eval", "Use dt and record$"),
+        (lambda scene: fb.Scene(gravitiy=(0, -9.81)), "gravitiy", "'gravity'"),
+        (lambda scene: fb.Spring(k=5.0), "k", "Use stiffness$"),
+        (lambda scene: scene.add_beam([(0, 0)], None, n_elements=3), "n_elements", "Use elements$"),
+        (lambda scene: fb.static(scene).resultants("beam 1").at(0, sides=1), "sides", "'side'"),
+        (lambda scene: fb.static(scene).to_csv(filename="a.csv"), "filename", "Use path$"),
     ],
 )
 def test_keywords_of_other_programs_are_answered_by_ours(call, name, real):
     scene, _ = clamped_bar((1, 0), fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
     assert_refused(f"argument '{name}'.*{real}", call, scene, error=TypeError)
+
+
+def test_keywords_of_other_programs_of_sections_are_answered_by_ours():
+    assert_refused("'density'. Use rho", fb.Section.rectangle, 0.1, 0.1, E=1.0, density=1.0)
 
 
 @pytest.mark.plot
