@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 import notebooks
-from scripts import code_of
+from scripts import code_of, without_frame
 from sphinx.errors import ExtensionError
 from sphinx.util import logging
 
@@ -41,9 +41,19 @@ PAGE = """\
 
 ## Code
 
-`demos/{name}.py`, run by `./run demos {name}`. `demos/shared/script.py` starts it. {notebook}
+`./run demos {name}` runs `demos/{name}.py`. {notebook} This code can be copied into a file:
 
 {code}
+
+The numbers, and the pictures in the current folder:
+
+```python
+from pathlib import Path
+
+numbers, drawn = compute()
+report(numbers)
+draw(Path(), *drawn)
+```
 """
 
 
@@ -109,7 +119,7 @@ def page(demo, folder):
         printed=f"It prints\n\n```text\n{printed.read_text('utf-8').rstrip()}\n```"
         if printed.exists()
         else "",
-        code=code_of(source),
+        code=code_of(without_frame(source)),
     )
 
 

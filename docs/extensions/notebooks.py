@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import jupytext
-from scripts import code_of
+from scripts import code_of, without_frame
 
 DEMOS = Path(__file__).parents[2] / "demos"
 #: Demos whose pages have a notebook: the first thing that they draw is a solution.
@@ -42,13 +42,8 @@ def of_page(markdown):
 def of_demo(demo):
     """The notebook of a demo, without what makes it a script and draws its pictures."""
     source = demo.read_text(encoding="utf-8")
-    tree, lines = ast.parse(source), source.splitlines()
-    title, _, text = ast.get_docstring(tree).partition("\n")
-    for node in tree.body:
-        start = ast.unparse(node)
-        if start.startswith(("from shared import", "def draw(", "if __name__")):
-            lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
-    code = code_of("\n".join(lines))
+    title, _, text = ast.get_docstring(ast.parse(source)).partition("\n")
+    code = code_of(without_frame(without_frame(source), "def draw("))
     return of_page(f"# {title.rstrip('.')}\n\n{text.strip()}\n\n## Code\n\n{code}{END}")
 
 

@@ -1,6 +1,19 @@
 """The script of a demo as Markdown: its code in pieces, each after the text of its function."""
 
 import ast
+import re
+
+# Statements of a demo that start it as a script, or draw its card in the gallery.
+_FRAME = "from shared import", "thumbnail.", "if __name__"
+
+
+def without_frame(source, frame=_FRAME):
+    """The script without statements that begin so: code that can be copied."""
+    lines = source.splitlines()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.stmt) and ast.unparse(node).startswith(frame):
+            lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
+    return re.sub("\n{4,}", "\n\n\n", "\n".join(lines))
 
 
 def _start(node, lines):

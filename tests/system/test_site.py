@@ -135,3 +135,20 @@ def test_a_page_of_the_gallery_has_all_code_of_its_demo(extension):
                 if isinstance(node, (ast.Module, ast.FunctionDef)) and ast.get_docstring(node):
                     node.body = node.body[1:]
         assert ast.dump(joined) == ast.dump(wanted), demo
+
+
+@pytest.mark.slow
+@pytest.mark.plot
+def test_the_code_on_a_page_of_the_gallery_runs_where_it_is_copied(
+    extension, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("FX_BEAM_DOCS", "quick")
+    gallery = extension("gallery")
+    for demo in (pages.ROOT / "demos").glob("*.py"):
+        page = gallery.page(demo, tmp_path)
+        code = "\n\n".join(re.findall(r"```python\n(.*?)\n```", page, flags=re.DOTALL))
+        assert "shared" not in code and compile(code, demo.name, "exec"), demo
+        if demo.stem == "moving_mass":
+            (tmp_path / "copied.py").write_text(code, encoding="utf-8")
+    subprocess.run([sys.executable, "copied.py"], cwd=tmp_path, check=True)
+    assert (tmp_path / "scene.png").is_file()
