@@ -196,7 +196,7 @@ class TangentStorage:
         self.mass_entries = np.ascontiguousarray(blocks.reshape(-1, 9)[:, ::4])
         stored_at = self.stored_at[self.mass_entries]
         mass = {"start": starts, "dof": 3 * nodes, "stored_at": stored_at}
-        # In a chain masses set all entries of two nodes in three rows of a group, in most groups.
+        # In most groups of a chain masses set all entries of two nodes in three rows.
         is_set = np.zeros(problem.c.tables.tangent.stored, bool)
         if chain := problem.c.tables.system.chain:
             first = stored_at[stored_at[:, 2] == stored_at[:, 0] + 2 * (ROW + 1), 0]
