@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -31,10 +32,11 @@ from fx_beam.scene.outputs import (
     check_outputs,
 )
 from fx_beam.scene.scene import Scene
+from fx_beam.step.constrained_matrix import warn_of_rounding
 from fx_beam.step.equations import have_mass
 from fx_beam.step.recorded_rows import driven_of
 
-from .linearisation import output_rows, sized, split
+from .linearisation import bends, output_rows, sized, split
 from .moving_state import Deviations, deviations, forces_inside
 
 # Round-off of the jump of a rate with an input, relative to the outputs.
@@ -43,6 +45,8 @@ _NONE = 1e-12
 _LEVER = 1e-9
 # Least pivot of a mass that is scaled by its diagonal: none of its combinations is round-off.
 _DEFINITE = 1e-6
+# Random forces from which soft directions are found.
+_SAMPLES = 3
 
 
 class InputColumns:
@@ -493,6 +497,7 @@ def linearise(
     require(are_names, f"{caller}: inputs", inputs, "a sequence of names")
     check_names(names, all_names, f"{caller}: inputs")
     about = deviations(scene, state.state if isinstance(state, Motion) else state, caller)
+    _warn_of_rounding(about, caller)
     driving = InputColumns(about, names)
     reduced = FirstOrder(about, driving, caller)
     rows, rate_rows, direct, labels = _outputs(about, outputs, names, caller)
@@ -509,6 +514,18 @@ def linearise(
     A, B = np.hsplit(reduced.dx, n)
     C, D = np.hsplit(CD, n)
     return LinearSystem(A, B, C, D, tuple(driving.labels), tuple(labels), reduced)
+
+
+def _warn_of_rounding(about: Deviations, caller: str) -> None:
+    """Warn of a stiffness with few digits in soft directions, near the lowest modes."""
+    free = slice(len(about.unknowns))
+    K, unit = about.K[free, free], about.model.units.unknowns[about.unknowns]
+    forces = np.random.default_rng(0).normal(size=(len(unit), _SAMPLES)) / unit[:, None]
+    with suppress(RuntimeError):  # a singular one
+        solve = scipy.sparse.linalg.splu(K.tocsc()).solve
+        soft = solve(solve(forces) / unit[:, None] ** 2)
+        if bends(about.model, about.T[:, free] @ soft):
+            warn_of_rounding(K, soft, f"{caller}: the stiffness has")
 
 
 def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[str], caller: str):

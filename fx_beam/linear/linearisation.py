@@ -34,6 +34,8 @@ from fx_beam.step.state_vector import added_force
 # -- K + s C + s^2 M of small motions: sparse, also in long trees and loops ---------------------
 
 
+# Difference of rotations in a beam, relative to the largest motion: a rigid one has none.
+_BENT = 1e-2
 # Random vectors of which sizes of diagonals are estimated.
 _SAMPLES = 8
 
@@ -274,6 +276,14 @@ def check_unknowns(model: Model, caller: str) -> None:
             f"{caller}: the scene has no unknowns: supports, joints and motors fix all degrees of "
             "freedom. Release one of them"
         )
+
+
+def bends(model: Model, shapes: np.ndarray) -> bool:
+    """Whether a beam bends in one of the shapes (size, n)."""
+    motions = shapes / model.units.nodes[:, None]
+    turns = motions[2::3] / abs(motions).max(axis=0)
+    differences = [np.ptp(turns[nodes], axis=0) for nodes in model.mesh.nodes]
+    return bool(np.max(differences, initial=0.0) > _BENT)
 
 
 def check_damping(values: np.ndarray, which: str) -> None:

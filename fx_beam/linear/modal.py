@@ -30,7 +30,7 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.stepper import LoadLoop
 
-from .linearisation import DampedPencil, Linearisation, Weighted, linearised, split
+from .linearisation import DampedPencil, Linearisation, Weighted, bends, linearised, split
 
 # -- Outputs under forces of inertia beside a state, to first order -----------------------------
 
@@ -93,8 +93,6 @@ _CLOSE = 1e-9
 _ROUNDS = 20
 # A stiffness that is none, relative to its own diagonal.
 _SINGULAR = 1e-11
-# Difference of rotations in a beam, relative to the largest motion: a rigid mode has none.
-_BENT = 1e-2
 # Most unknowns with damping and without mass whose motions are all in a subspace.
 _RELAXING = 12
 
@@ -371,13 +369,13 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     roots, omega, ratios, vectors = lowest
     shapes = about.at_nodes(vectors)
     if about.stiffness.is_plain:
-        lost = bool(rigid.any()) and _bends(about, shapes[:, rigid])
+        lost = bends(about.model, shapes[:, rigid])
         if lost and state is not None:  # as it is at a critical load, too
             lost = False
             with suppress(SceneError):
                 reference = linearised(scene, None, "modes")
                 _, rigid_there, vectors_there = reference.undamped_modes.lowest(n)
-                lost = _bends(reference, reference.at_nodes(vectors_there[:, rigid_there]))
+                lost = bends(reference.model, reference.at_nodes(vectors_there[:, rigid_there]))
         warn_of_rounding(about.K, vectors[:, ~rigid], "modes: frequencies have", lost)
     found = modes_of(about.model, about.start.q, shapes, omega, rigid, ratios, roots)
     return replace(found, excitation=partial(_excitation, about))
@@ -393,14 +391,6 @@ def _excitation(about: Linearisation) -> Excitation:
     moved = [acceleration_of(about.M, push, unit) for push in pushes]
     mass = np.array(pushes) @ np.array(moved).T
     return Excitation(forces.reshape(2, -1, 3), mass, partial(inertia_outputs, about))
-
-
-def _bends(about: Linearisation, shapes: np.ndarray) -> bool:
-    """Whether a beam bends in one of the shapes (size, n)."""
-    motions = shapes / about.model.units.nodes[:, None]
-    turns = motions[2::3] / abs(motions).max(axis=0)
-    bends = [np.ptp(turns[nodes], axis=0) for nodes in about.model.mesh.nodes]
-    return bool(np.max(bends, initial=0.0) > _BENT)
 
 
 def lowest_modes(

@@ -579,3 +579,21 @@ def test_a_long_chain_of_elements_has_the_frequencies_of_its_modes():
         x, _ = np.linalg.qr(scipy.linalg.lu_solve(inverse, x))
     omega = np.sqrt(np.sort(np.linalg.eigvals(x.T @ -stiffness @ x).real))
     assert omega[:3] == pytest.approx(2 * np.pi * fb.modes(scene, n=3).frequencies, rel=1e-6)
+
+
+@pytest.mark.parametrize("support", ["clamp", "pin", "none"])
+@pytest.mark.parametrize(("stiffness", "is_thin"), [(1e9, False), (1e14, True)])
+def test_beams_so_thin_that_their_stiffness_has_few_digits_are_told_as_by_modes(
+    support, stiffness, is_thin, caplog
+):
+    """The bound is 0.08 for a clamped one of 32 elements with EA L^2/EI = 1e12."""
+    section = fb.Section(EA=stiffness, GA=stiffness, EI=1.0, rhoA=1.0, rhoI=1e-4)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0.3)], section, elements=32)
+    if support != "none":
+        getattr(scene, support)(beam.start)
+    scene.add_force(beam.end, fb.Input("push", factor=(0.0, 1.0)))
+    for find in (fb.modes, fb.linearise):
+        caplog.clear()
+        find(scene)
+        assert ("few correct digits" in caplog.text) == is_thin
