@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from fx_beam.content_cache import cached_property
@@ -39,7 +40,7 @@ class ColumnMap:
         self,
         weights: tuple[np.ndarray, np.ndarray, np.ndarray],
         shape: tuple[int, int],
-        C: scipy.sparse.csr_matrix | np.ndarray,
+        C: csr_matrix | np.ndarray,
         dependent: np.ndarray,
         nested: bool = False,
     ):
@@ -88,15 +89,15 @@ class ColumnMap:
         return out
 
     @cached_property
-    def dependence_matrix(self) -> scipy.sparse.csr_matrix:
+    def dependence_matrix(self) -> csr_matrix:
         """Matrix (columns, columns) of `with_dependent`."""
         independent = np.setdiff1d(np.arange(self.shape[1]), self._dependent)
         entries = np.ones(len(independent)), (independent, independent)
         if self._nested is not None:
             ratios = nested_solution(self._nested, self._C).tocoo()
             places = self._dependent[ratios.row], ratios.col
-            matrix = scipy.sparse.csr_matrix((ratios.data, places), (self.shape[1],) * 2)
-            return matrix + scipy.sparse.csr_matrix(entries, matrix.shape)
+            matrix = csr_matrix((ratios.data, places), (self.shape[1],) * 2)
+            return matrix + csr_matrix(entries, matrix.shape)
         if len(self._dependent):
             # Of the independent columns few are in long loops.
             used = np.flatnonzero(abs(self._C).sum(axis=0))
@@ -108,13 +109,13 @@ class ColumnMap:
                 np.append(independent, used[column]),
             )
             entries = np.append(entries[0], ratios[k, column]), places
-        return scipy.sparse.csr_matrix(entries, (self.shape[1],) * 2)
+        return csr_matrix(entries, (self.shape[1],) * 2)
 
     @cached_property
-    def matrix(self) -> scipy.sparse.csr_matrix:
+    def matrix(self) -> csr_matrix:
         """The matrix from z to x."""
         row, column, values = self._weights
-        A = scipy.sparse.csr_matrix((values, (row, column)), self.shape)
+        A = csr_matrix((values, (row, column)), self.shape)
         return A @ self.dependence_matrix if len(self._dependent) else A
 
     @property
@@ -127,9 +128,7 @@ class ColumnMap:
         return np.bincount(places, values, math.prod(self.shape)).reshape(self.shape)
 
 
-def nested_solution(
-    N: scipy.sparse.csr_matrix, b: scipy.sparse.csr_matrix
-) -> scipy.sparse.csr_matrix:
+def nested_solution(N: csr_matrix, b: csr_matrix) -> csr_matrix:
     """x (n, m) = N x + b, where N (n, n) is triangular in some order, with zero diagonal."""
     x = term = b
     N.eliminate_zeros()
@@ -141,8 +140,8 @@ def nested_solution(
 
 
 def without_dependent(
-    weights: scipy.sparse.csr_matrix, C: scipy.sparse.csr_matrix, dependent: np.ndarray
-) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+    weights: csr_matrix, C: csr_matrix, dependent: np.ndarray
+) -> tuple[csr_matrix, csr_matrix]:
     """B (n, columns) of independent columns, and Y (n, dependent), with W z = B z + Y C z.
 
     An equation has dependent columns of those before it only. What cancels is no entry: the
@@ -173,16 +172,16 @@ def without_dependent(
     return _matrix(left, C.shape[1]), _matrix(multipliers, len(dependent))
 
 
-def _rows(matrix: scipy.sparse.csr_matrix) -> Iterator[list[tuple[int, float]]]:
+def _rows(matrix: csr_matrix) -> Iterator[list[tuple[int, float]]]:
     """Columns and values of each row."""
     entries = [*zip(matrix.indices.tolist(), matrix.data.tolist(), strict=True)]
     return (entries[begin:end] for begin, end in pairwise(matrix.indptr.tolist()))
 
 
-def _matrix(rows: list[dict[int, float]], columns: int) -> scipy.sparse.csr_matrix:
+def _matrix(rows: list[dict[int, float]], columns: int) -> csr_matrix:
     indices, values = ([x for row in rows for x in part(row)] for part in (dict.keys, dict.values))
     shape = len(rows), columns
-    matrix = scipy.sparse.csr_matrix((values, indices, starts_of([*map(len, rows)])), shape)
+    matrix = csr_matrix((values, indices, starts_of([*map(len, rows)])), shape)
     matrix.sort_indices()
     return matrix
 
@@ -514,7 +513,7 @@ class Loops:
             "line, from which the motion may go on in several ways"
         )
 
-    def derivatives(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+    def derivatives(self, values: np.ndarray) -> csr_matrix:
         """Derivatives (closures, columns) of closures by columns, for the values of T or Tv."""
         columns = self._couplings.columns + len(self._couplings.auxiliaries)
         return self._entries.matrix(values, (len(self._couplings.closures), columns))
@@ -581,7 +580,7 @@ class Loops:
         closure, column = self._entries.row, self._entries.column
         free = np.flatnonzero(self._couplings.system[1][column] >= 0)
         shape = len(closure), len(self)
-        membership = scipy.sparse.csr_matrix((np.ones(len(free)), (free, closure[free])), shape)
+        membership = csr_matrix((np.ones(len(free)), (free, closure[free])), shape)
         left, right = (membership @ membership.T).nonzero()
         weighted = self._entries._replace(sign=self._entries.sign * self.lengths[closure] ** 2)
         return weighted.take(left), self._entries.take(right)
@@ -595,7 +594,7 @@ class Loops:
         return positions_in(*pattern, inner, inner), self.unit[inner] / self.size
 
 
-def _most_in_band(depends: scipy.sparse.csr_matrix) -> int:
+def _most_in_band(depends: csr_matrix) -> int:
     """Most numbers of the factors of closures by those columns that follow, or of the transpose.
 
     The closures are m of n columns: of the columns before one, as many follow as there are closures
@@ -623,7 +622,7 @@ def _ends(closure: Closure) -> tuple[int, int]:
 
 def _dependence(
     couplings: Couplings, auxiliaries: Auxiliaries, slides: list[Slide]
-) -> tuple[np.ndarray, scipy.sparse.csr_matrix, np.ndarray]:
+) -> tuple[np.ndarray, csr_matrix, np.ndarray]:
     """Random values of T, C of the equations C z = 0, and the numbers of dependent columns.
 
     Random values do not cancel; a node on a beam may be anywhere on it.
@@ -635,16 +634,14 @@ def _dependence(
     rows, dependent = [auxiliaries.equations(values)], [np.arange(couplings.columns, size)]
     for slide in slides:
         guide_columns = np.append(slide.guide.columns, slide.column)
-        weights = scipy.sparse.csr_matrix(
-            random.uniform(1.0, 2.0, (len(slide.columns), len(guide_columns)))
-        )
+        weights = csr_matrix(random.uniform(1.0, 2.0, (len(slide.columns), len(guide_columns))))
         identity = scipy.sparse.identity(size, format="csr")
         rows.append(weights @ identity[guide_columns] - identity[slide.columns])
         dependent.append(slide.columns)
     return values, scipy.sparse.vstack(rows, "csr"), np.concatenate(dependent)
 
 
-def blocks_of(depends: scipy.sparse.csr_matrix) -> list[tuple[np.ndarray, np.ndarray]]:
+def blocks_of(depends: csr_matrix) -> list[tuple[np.ndarray, np.ndarray]]:
     """Blocks (closures, unknowns) of loops that share unknowns, directly or through others.
 
     Closures of neighbouring loops are near to each other.

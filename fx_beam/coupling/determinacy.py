@@ -167,10 +167,7 @@ _SOUGHT, _CORRECTIONS = 4, 6
 
 
 def mechanism_of(
-    scene: Scene,
-    mesh: Mesh,
-    mass: scipy.sparse.csr_matrix | None,
-    settles: bool,
+    scene: Scene, mesh: Mesh, mass: scipy.sparse.csr_matrix | None, settles: bool
 ) -> str:
     """Why a scene can move as a mechanism of rigid bodies without mass or support; empty if not.
 

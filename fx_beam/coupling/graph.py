@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse import csr_matrix
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh, connected_parts, starts_of
@@ -235,10 +236,10 @@ class Entries(NamedTuple):
         """The chosen entries."""
         return Entries(*(part[chosen] for part in self))
 
-    def matrix(self, values: np.ndarray, shape: tuple[int, int]) -> scipy.sparse.csr_matrix:
+    def matrix(self, values: np.ndarray, shape: tuple[int, int]) -> csr_matrix:
         """The sums (rows, columns) for the values of T or Tv."""
         row, column, weights = self.weights(values)
-        return scipy.sparse.csr_matrix((weights, (row, column)), shape)
+        return csr_matrix((weights, (row, column)), shape)
 
     def weights(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows, columns and values of `matrix`."""
@@ -724,7 +725,7 @@ class Auxiliaries:
     def __len__(self):
         return self._count
 
-    def entries_of(self, chosen: scipy.sparse.csr_matrix) -> list[np.ndarray]:
+    def entries_of(self, chosen: csr_matrix) -> list[np.ndarray]:
         """Numbers of the entries of auxiliaries that each row has, the latest first."""
         starts = self._entries.starts(self._count).tolist()
         return [
@@ -732,7 +733,7 @@ class Auxiliaries:
             for rows in np.split(chosen.indices, chosen.indptr[1:-1])
         ]
 
-    def equations(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+    def equations(self, values: np.ndarray) -> csr_matrix:
         """Rows (auxiliaries, columns) whose products with all columns are zero, by values of T."""
         auxiliaries = scipy.sparse.eye(*self._shape, k=self._shape[1] - self._count)
         return (self._entries.matrix(values, self._shape) - auxiliaries).tocsr()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse import csr_matrix
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs, array_at
@@ -56,7 +57,7 @@ def reduced_tangent(
     sliders: Sliders | None,
     loops: Loops | None,
     sprung_columns: np.ndarray,
-    matrix: scipy.sparse.csr_matrix,
+    matrix: csr_matrix,
     used: np.ndarray,
 ) -> ReducedTangent:
     """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent.
@@ -446,7 +447,7 @@ class JointMaps:
 
     def _dependence(
         self, values: np.ndarray, virtual: bool, auxiliaries: bool, closed: bool
-    ) -> tuple[scipy.sparse.csr_matrix | np.ndarray, np.ndarray]:
+    ) -> tuple[csr_matrix | np.ndarray, np.ndarray]:
         """C (dependent, columns) with C z = 0, and the numbers of the dependent columns."""
         columns, slides = self._shape[1], self._joints.sliders.all if self._joints.sliders else []
         relations = self._joints.configuration.relations(virtual) if slides else []
@@ -462,7 +463,7 @@ class JointMaps:
             C = np.bincount(row * columns + column, weights, starts[-1] * columns)
             rows: list[Any] = [C.reshape(starts[-1], columns)]
         else:
-            rows = [scipy.sparse.csr_matrix((weights, (row, column)), (starts[-1], columns))]
+            rows = [csr_matrix((weights, (row, column)), (starts[-1], columns))]
         if has_auxiliaries:
             rows.insert(0, self._joints.auxiliaries.equations(values))
             dependent.insert(0, np.arange(self._columns, columns))
@@ -471,7 +472,7 @@ class JointMaps:
             dependent.append(self._joints.following)
         if all(isinstance(block, np.ndarray) for block in rows):
             return np.concatenate(rows), np.concatenate(dependent)
-        C = scipy.sparse.vstack([scipy.sparse.csr_matrix(block) for block in rows], "csr")
+        C = scipy.sparse.vstack([csr_matrix(block) for block in rows], "csr")
         return C, np.concatenate(dependent)
 
     @property
@@ -479,18 +480,18 @@ class JointMaps:
         """T, with auxiliary unknowns, at this configuration."""
         return self._map(False)
 
-    def closure_derivatives(self) -> scipy.sparse.csr_matrix:
+    def closure_derivatives(self) -> csr_matrix:
         """Derivatives (closures, unknowns) of closures [m] by units of the loops' unknowns."""
         from .dependent_columns import without_dependent
 
         assert (loops := self._joints.loops) is not None
         C, dependent = self._dependence(values := self._values(False), False, True, False)
-        equations = scipy.sparse.csr_matrix(C), dependent
+        equations = csr_matrix(C), dependent
         G = without_dependent(loops.derivatives(values), *equations)[0][:, loops.unknowns]
         unit = scipy.sparse.diags(loops.unit[loops.unknowns])
         return (scipy.sparse.diags(loops.lengths) @ G @ unit).tocsr()
 
-    def dependence_matrix(self) -> scipy.sparse.csr_matrix:
+    def dependence_matrix(self) -> csr_matrix:
         """Matrix (columns, columns) from rates of independent columns to rates of all."""
         return self._map(False).dependence_matrix[: self._columns, : self._columns]
 
@@ -515,7 +516,7 @@ class JointMaps:
         z[self._joints.independent] = x
         return self.to_nodes(z)
 
-    def coupling(self, closed: bool = True, virtual: bool = False) -> scipy.sparse.csr_matrix:
+    def coupling(self, closed: bool = True, virtual: bool = False) -> csr_matrix:
         """T (size, columns), or with `virtual` Tv; loops follow the unknowns if `closed`."""
         T = self._map(virtual, closed=closed).matrix
         return T[:, : self._columns] if len(self._joints.auxiliaries) else T
@@ -543,19 +544,19 @@ class JointMaps:
             moves[self._joints.loops.unknowns] = True
         return moves
 
-    def normal(self, weight: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    def normal(self, weight: csr_matrix) -> csr_matrix:
         """T^T W T for a matrix W (size, size), as a system with the equations C z = 0.
 
         Its first unknowns x solve T^T W T x = b, if zeros follow b.
         """
         values = self._values(False)
-        C = scipy.sparse.csr_matrix(self._dependence(values, False, True, True)[0])
+        C = csr_matrix(self._dependence(values, False, True, True)[0])
         auxiliary = np.arange(self._columns, self._shape[1])
         moving = np.append(np.arange(self._joints.couplings.free), auxiliary)
         A, C = self._entries.matrix(values, self._shape)[:, moving], C[:, moving]
         return scipy.sparse.bmat([[A.T @ weight @ A, C.T], [C, None]], "csr")
 
-    def reduced(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    def reduced(self, matrix: csr_matrix) -> csr_matrix:
         """The part Tv^T A T of the linear system for a matrix A of any sparsity, without loops."""
         couplings = self._joints.couplings
         (row_of, unknown_of), n = couplings.system, couplings.unknown_count
@@ -563,7 +564,7 @@ class JointMaps:
         A = (Tv.T @ matrix @ T).tocoo()
         row, column = row_of[A.row], unknown_of[A.col]
         valid = (row >= 0) & (column >= 0) & (row < n) & (column < n)
-        return scipy.sparse.csr_matrix((A.data[valid], (row[valid], column[valid])), (n, n))
+        return csr_matrix((A.data[valid], (row[valid], column[valid])), (n, n))
 
 
 def moves_alone(couplings: Couplings, dofs: np.ndarray) -> np.ndarray:
@@ -605,7 +606,7 @@ class Reduction:
         auxiliaries: Auxiliaries,
         compiled_points: CompiledPoints,
         rates: UpdateRule,
-        matrix: scipy.sparse.csr_matrix,
+        matrix: csr_matrix,
         used: Callable[[], np.ndarray],
         sliders: Sliders | None = None,
         loops: Loops | None = None,

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_matrix
 
 from fx_beam.dual import Dual, MaybeDual
 from fx_beam.equilibria.statics import path_of
@@ -348,7 +349,7 @@ class TangentDerivatives:
         k, c, m = (np.reshape(x, (-1, 1)) for x in (pairs.stiffness, pairs.damping, pairs.mass))
         T, mass_of = linear.T, linear.model.masses.matrix
         moved, directions, motion = _times(T, left), right, _times(T, right)[pairs.owner]
-        masses, turns = [(m * moved, motion)], list[tuple[scipy.sparse.csr_matrix, np.ndarray]]()
+        masses, turns = [(m * moved, motion)], list[tuple[csr_matrix, np.ndarray]]()
         if linear.frame is not None:  # Coriolis forces are the mass times these
             turn = 2 * np.sqrt(self._factor) * linear.frame.spin * linear.frame.quarter_turn
             masses.append((c * moved, _times(turn, motion)))
@@ -423,7 +424,7 @@ class TangentDerivatives:
             masses = changes["mass"].reshape(sums.shape[1], -1)
             mass = self._steps.problem.model.masses.matrix
             for i in np.flatnonzero(masses.any(axis=1)):
-                changed = scipy.sparse.csr_matrix((masses[i], mass.indices, mass.indptr))
+                changed = csr_matrix((masses[i], mass.indices, mass.indptr))
                 for mass_weights, motions in terms.masses:
                     sums[:, i] += (mass_weights * _times(changed, motions)).sum(axis=1)
         size = 8 * len(force_weights) * basis.shape[1] * sums.shape[1]
@@ -465,7 +466,7 @@ class TangentDerivatives:
         )
         return number_slopes, unknown_slopes[unknowns]
 
-    def _solved(self, K: scipy.sparse.csr_matrix, right_sides: np.ndarray) -> np.ndarray:
+    def _solved(self, K: csr_matrix, right_sides: np.ndarray) -> np.ndarray:
         """Solutions (n, free) of the tangent K, or of its transpose, for right sides."""
         try:
             weights = pivoted_lu(K).solve(right_sides.T)
@@ -498,7 +499,7 @@ def _basis(directions: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.nda
     return unit * basis.T, sizes * (real + 1j * imaginary)
 
 
-def _times(matrix: scipy.sparse.csr_matrix, vectors: np.ndarray) -> np.ndarray:
+def _times(matrix: csr_matrix, vectors: np.ndarray) -> np.ndarray:
     """A matrix times vectors (n, columns)."""
     return np.ascontiguousarray((matrix @ vectors.T).T)
 

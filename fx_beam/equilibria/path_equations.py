@@ -320,11 +320,11 @@ def between(states: list[State], points: np.ndarray, place: float) -> State:
     return replace(states[0], **values, unstable_modes=None, negative_pivots=None)  # type: ignore[arg-type]
 
 
-def _with_diagonal(A: scipy.sparse.csr_matrix, count: int) -> scipy.sparse.csr_matrix:
+def _with_diagonal(A: csr_matrix, count: int) -> csr_matrix:
     """A matrix with places for the diagonal of its first rows, also where it is exactly zero."""
     entries, diagonal = A.tocoo(), np.arange(count)
     places = np.append(entries.row, diagonal), np.append(entries.col, diagonal)
-    return scipy.sparse.csr_matrix((np.append(entries.data, np.zeros(count)), places), A.shape)
+    return csr_matrix((np.append(entries.data, np.zeros(count)), places), A.shape)
 
 
 # -- Stiffness of small motions about the equilibria of a path, and how many of them grow -------
@@ -363,7 +363,7 @@ class SmallMotions:
         """Sizes (n,) of unit unknowns."""
         return self.model.units.unknowns[self.model.reduction.independent]
 
-    def stiffness(self, state: State) -> scipy.sparse.csr_matrix:
+    def stiffness(self, state: State) -> csr_matrix:
         """The tangent (n, n) of an equilibrium without flow."""
         return self.extended(state).matrix
 
@@ -372,11 +372,11 @@ class SmallMotions:
         self._loop.balance(state, state.t)
         return self._loop.equations.extended()
 
-    def coupling(self) -> scipy.sparse.csr_matrix:
+    def coupling(self) -> csr_matrix:
         """T (size, n): motions of all nodes by the unknowns, in the last state."""
         return self.model.reduction.maps.coupling()[:, self.model.reduction.independent]
 
-    def symmetric(self, K: scipy.sparse.csr_matrix) -> bool:
+    def symmetric(self, K: csr_matrix) -> bool:
         """Whether the forces of a state have a potential."""
         return not K.nnz or self._symmetric((K.indptr, K.indices), K.data)
 
@@ -424,9 +424,7 @@ class SmallMotions:
                         state.unstable_modes = sum(self.growing(state, tolerance=_ROUND_OFF))
         return old.unstable_modes, new.unstable_modes
 
-    def growing(
-        self, state: State, K: scipy.sparse.csr_matrix | None = None, tolerance: float = 0.0
-    ) -> Growing:
+    def growing(self, state: State, K: csr_matrix | None = None, tolerance: float = 0.0) -> Growing:
         """Modes that grow about a state; an eigenvalue of the tangent that is zero does not.
 
         Symmetric tangents are those of stiffnesses that are larger by a `tolerance`.
@@ -455,7 +453,7 @@ class SmallMotions:
                 return Growing(0, extended.negative_eigenvalues(lu))
         raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
 
-    def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
+    def lowest(self, K: csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
         """The n lowest eigenvalues of a tangent in unit unknowns, and vectors (unknowns, n)."""
         symmetric = ConstrainedMatrix.plain(((K + K.T) / 2).tocsr())
         metric = ConstrainedMatrix.plain(scipy.sparse.diags(self.unit**-2.0).tocsr())
@@ -463,19 +461,19 @@ class SmallMotions:
         roots, _, vectors = modes.lowest(min(n, K.shape[0]))
         return np.sign(roots) * roots**2, vectors
 
-    def vanishing(self, K: scipy.sparse.csr_matrix, multiplicity: int, unstable: int) -> np.ndarray:
+    def vanishing(self, K: csr_matrix, multiplicity: int, unstable: int) -> np.ndarray:
         """Vectors (unknowns, multiplicity) of eigenvalues next to zero, of so many `unstable`."""
         values, vectors = self.lowest(K, unstable + 1)
         return vectors[:, np.sort(np.argsort(abs(values))[:multiplicity])]
 
     # -- Forces that follow the motion ------------------------------------------------------------
 
-    def _mass(self) -> scipy.sparse.csr_matrix:
+    def _mass(self) -> csr_matrix:
         """The mass (n, n), in the last state."""
         T = self.coupling()
         return (T.T @ self.model.masses.matrix @ T).tocsr()
 
-    def squares(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> np.ndarray:
+    def squares(self, state: State, K: csr_matrix | None = None) -> np.ndarray:
         """Squares of the angular frequencies of the lowest modes without damping, complex."""
         K = self.stiffness(state) if K is None else K
         M = self._mass()

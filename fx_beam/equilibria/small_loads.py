@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse import csr_matrix
 
 from fx_beam.coupling.graph import joints_with_arms
 from fx_beam.dual import floats
@@ -422,10 +423,7 @@ class SmallForces:
         chosen, node_unit = model.reduction.independent, model.units.nodes
         unit = model.units.unknowns[chosen]
         forces = model.reduction.maps.reduced_force(self._force)
-        pairs = (
-            (residuals * unit, forces[chosen] * unit),
-            (bends / node_unit, D / node_unit),
-        )
+        pairs = ((residuals * unit, forces[chosen] * unit), (bends / node_unit, D / node_unit))
         error = sum(
             abs(_FIRST @ rows / largest).max(initial=0.0) / (abs(size).max(initial=0.0) or 1.0)
             for rows, size in pairs
@@ -456,7 +454,7 @@ def check_forces(model: Model) -> None:
         )
 
 
-def geometric_stiffness(small: SmallLoads, stepper: LoadStepper) -> scipy.sparse.csr_matrix:
+def geometric_stiffness(small: SmallLoads, stepper: LoadStepper) -> csr_matrix:
     """dK/dlambda (unknowns, unknowns) by forces alone: displacements stay those of the state."""
     model, motions = stepper.model, stepper.motions
     K = _beam_part(small, model) + _line_part(small, model)
@@ -465,20 +463,20 @@ def geometric_stiffness(small: SmallLoads, stepper: LoadStepper) -> scipy.sparse
     return (T.T @ K @ T + _joint_part(small, model, T)).tocsr()
 
 
-def _assembled(dofs: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_matrix:
+def _assembled(dofs: np.ndarray, blocks: np.ndarray, size: int) -> csr_matrix:
     """Matrix (size, size) of blocks (n, k, k) by their degrees of freedom (n, k)."""
     rows = np.repeat(dofs, dofs.shape[1], axis=1).ravel()
     columns = np.tile(dofs, dofs.shape[1]).ravel()
-    return scipy.sparse.csr_matrix((blocks.ravel(), (rows, columns)), (size, size))
+    return csr_matrix((blocks.ravel(), (rows, columns)), (size, size))
 
 
-def _beam_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+def _beam_part(small: SmallLoads, model: Model) -> csr_matrix:
     """Part (size, size) of N and Q: the second variation of N eps + Q gamma (eqs 9 and 10)."""
     # With t and n along and across the section: N (2 n.du' dpsi - t.phi' dpsi^2) and
     # -Q (2 t.du' dpsi + n.phi' dpsi^2).
     mesh, size = model.mesh, model.size
     if not model.scene.beams:
-        return scipy.sparse.csr_matrix((size, size))
+        return csr_matrix((size, size))
     weights, values, slopes, dphi, t, n = Axes.of(mesh, small.state.q)
     nodes, count = mesh.elements, mesh.elements.shape[1]
     N, Q = (_slopes_of(small, model, name)[..., None] for name in "NQ")
@@ -502,12 +500,12 @@ def _slopes_of(small: SmallLoads, model: Model, name: str) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _line_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
+def _line_part(small: SmallLoads, model: Model) -> csr_matrix:
     """Part (size, size) of lines and ropes: F / l across each straight part of length l."""
     # What holds nodes to the ground has a fixed direction.
     lines, size = [line for line in model.scene.forces_between if not line.to_ground], model.size
     if not lines:
-        return scipy.sparse.csr_matrix((size, size))
+        return csr_matrix((size, size))
     forces = small.slope(small.solution.recorded("line_forces"))
     positions = model.mesh.X + small.state.q.reshape(-1, 3)[:, :2]
     # The degrees of freedom of a fixed point are behind all others, and left out at the end.
@@ -525,9 +523,7 @@ def _line_part(small: SmallLoads, model: Model) -> scipy.sparse.csr_matrix:
     return _assembled(np.array(dofs), np.array(blocks), size + 1)[:size, :size]
 
 
-def _joint_part(
-    small: SmallLoads, model: Model, T: scipy.sparse.csr_matrix
-) -> scipy.sparse.csr_matrix:
+def _joint_part(small: SmallLoads, model: Model, T: csr_matrix) -> csr_matrix:
     """Part (unknowns, unknowns) of forces f in joints: f.d2x of b at x = x_a + R (arm + s axis).
 
     Forces change by the loads as they are seen from a, like N and Q of a stiff member.
@@ -555,7 +551,7 @@ def _joint_part(
         entries.append((turn, turn, -f @ arm))
     rows, columns, values = np.reshape(entries, (-1, 3)).T
     places, shape = (rows.astype(int), columns.astype(int)), (motions.shape[0],) * 2
-    return motions.T @ scipy.sparse.csr_matrix((values, places), shape) @ motions
+    return motions.T @ csr_matrix((values, places), shape) @ motions
 
 
 # -- First-order statics: small displacements about the reference, as of a frame program --------

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg
+from scipy.sparse import csr_matrix
 
 from fx_beam.errors import SceneError, answering_keywords, is_whole, require
 from fx_beam.fem.point_values import AN_INSTANT, PointValues
@@ -217,8 +218,8 @@ class FirstOrder:
 
 
 def _kinds(
-    M: scipy.sparse.csr_matrix, C: scipy.sparse.csr_matrix, unit: np.ndarray, caller: str
-) -> tuple[scipy.sparse.csr_matrix, int, int]:
+    M: csr_matrix, C: csr_matrix, unit: np.ndarray, caller: str
+) -> tuple[csr_matrix, int, int]:
     """Basis V (free, free) of unknowns with mass, with damping only, with neither; two numbers."""
     heavy, count = have_mass(M.diagonal(), unit), M.shape[0]
     if heavy.all() and _are_definite(M):
@@ -235,10 +236,10 @@ def _kinds(
             f"{caller}: forces that depend on rates drive a part without mass. Give it mass"
         )
     basis = np.hstack([heavy_basis, unit[:, None] * damped, unit[:, None] * neither])
-    return scipy.sparse.csr_matrix(basis), heavy_basis.shape[1], damped.shape[1]
+    return csr_matrix(basis), heavy_basis.shape[1], damped.shape[1]
 
 
-def _are_definite(M: scipy.sparse.csr_matrix) -> bool:
+def _are_definite(M: csr_matrix) -> bool:
     """Whether each motion has mass, by the factors of a mass matrix."""
     S = scipy.sparse.diags(M.diagonal() ** -0.5)
     options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
@@ -537,7 +538,7 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], inputs: Sequence[
     parts: list[dict[str, Any]] = [
         {"q": T, "v": dT, "slides": S, "rates of slides": dS},
         {"v": T, "rates of slides": S},
-        {"parameters": scipy.sparse.csr_matrix(_parameters_by_inputs(about, inputs))},
+        {"parameters": csr_matrix(_parameters_by_inputs(about, inputs))},
     ]
     rows, labels = [[np.zeros((0, next(iter(x.values())).shape[1]))] for x in parts], list[str]()
     for name, output in outputs.items():

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 import scipy.sparse
+from scipy.sparse import csr_matrix
 
 from fx_beam.content_cache import cached_property
 from fx_beam.coupling.dependent_columns import ColumnMap
@@ -43,7 +44,7 @@ _SAMPLES = 8
 class Weighted:
     """E^T A E (free, free) of a sparse A (n, n), where y = E x is all that follows unknowns x."""
 
-    def __init__(self, A: scipy.sparse.csr_matrix, stiffness: ConstrainedMatrix):
+    def __init__(self, A: csr_matrix, stiffness: ConstrainedMatrix):
         self.A, self._stiffness = A, stiffness
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
@@ -123,23 +124,23 @@ class Linearisation:
     models: dict[str, Model] | None
 
     @cached_property
-    def T(self) -> scipy.sparse.csr_matrix:
+    def T(self) -> csr_matrix:
         """Coupling (size, free): motions of the nodes are T times the unknowns."""
         return self.coupling.matrix[:, self.unknowns]
 
     @property
-    def columns(self) -> scipy.sparse.csr_matrix:
+    def columns(self) -> csr_matrix:
         """Matrix (columns, free) that gives all columns of the model from the unknowns."""
         count = self.model.reduction.columns
         return self.coupling.dependence_matrix[:count, self.unknowns]
 
     @property
-    def K(self) -> scipy.sparse.csr_matrix:
+    def K(self) -> csr_matrix:
         """Stiffness (free, free)."""
         return self.stiffness.matrix
 
     @property
-    def M(self) -> scipy.sparse.csr_matrix:
+    def M(self) -> csr_matrix:
         """Mass (free, free)."""
         if (M := self.inertia).is_plain:
             return M.system
@@ -322,7 +323,7 @@ def split(A: np.ndarray, basis: np.ndarray, least: float = 0.0) -> tuple[np.ndar
 def output_rows(
     model: Model,
     measured: Measured,
-    matrices: Mapping[str, scipy.sparse.csr_matrix],
+    matrices: Mapping[str, csr_matrix],
     slopes: Iterable[tuple[str, np.ndarray, np.ndarray]] | None = None,
 ) -> np.ndarray:
     """Rows (components, n) of an output for changes of arrays: a matrix by the name of each.

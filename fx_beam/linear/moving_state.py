@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse import csr_matrix
 
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError
@@ -80,15 +81,15 @@ class Deviations:
     #: Numbers (free,) in the model of the unknowns in z; others follow to close loops.
     unknowns: np.ndarray
     #: Mass, damping and stiffness (columns, columns), those of the unknowns first.
-    M: scipy.sparse.csr_matrix
-    C: scipy.sparse.csr_matrix
-    K: scipy.sparse.csr_matrix
+    M: csr_matrix
+    C: csr_matrix
+    K: csr_matrix
     #: Coupling (size, columns) of the nodes, and its derivative by time.
-    T: scipy.sparse.csr_matrix
-    dT: scipy.sparse.csr_matrix
+    T: csr_matrix
+    dT: csr_matrix
     #: Matrix (all, columns) of all columns of the model by z, and its derivative by time.
-    S: scipy.sparse.csr_matrix
-    dS: scipy.sparse.csr_matrix
+    S: csr_matrix
+    dS: csr_matrix
     #: The frame in which the state is at rest and z is measured, if it turns, and the load factor.
     frame: TurningFrame | None
     factor: float
@@ -179,13 +180,7 @@ def deviations(scene: Scene, solution: Solution | None, caller: str) -> Deviatio
     )
 
 
-def _warn_of_turn(
-    model: Model,
-    state: State,
-    T: scipy.sparse.csr_matrix,
-    dT: scipy.sparse.csr_matrix,
-    caller: str,
-) -> None:
+def _warn_of_turn(model: Model, state: State, T: csr_matrix, dT: csr_matrix, caller: str) -> None:
     """Warn where the scene turns as a whole, but z is measured in space."""
     v = state.v.reshape(-1, 3)
     spin = float(np.median(v[:, 2]))
@@ -228,9 +223,7 @@ def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(root[:, None] * T) * root
 
 
-def _rates_of(
-    model: Model, forcing: Forcing, state: State, T: scipy.sparse.csr_matrix
-) -> np.ndarray:
+def _rates_of(model: Model, forcing: Forcing, state: State, T: csr_matrix) -> np.ndarray:
     """Rates z' (columns,): of driven motions as the step ended, of unknowns by the nodes."""
     if not state.v.any():
         return np.zeros(T.shape[1])
@@ -257,23 +250,21 @@ class _Coupling:
         self.count = len(self.columns)
         self.X = self._at(np.zeros(self.count))
 
-    def parts(
-        self, X: scipy.sparse.csr_matrix
-    ) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+    def parts(self, X: csr_matrix) -> tuple[csr_matrix, csr_matrix]:
         """The rows of nodes and of columns."""
         return X[: self._model.size], X[self._model.size :]
 
-    def _at(self, z: np.ndarray) -> scipy.sparse.csr_matrix:
+    def _at(self, z: np.ndarray) -> csr_matrix:
         moved = np.zeros(self._reduction.free)
         moved[self.columns] = z
         self._reduction.increment(moved, _NONE)
         parts = self._reduction.maps.coupling(), self._reduction.maps.dependence_matrix()
         return scipy.sparse.vstack(parts, "csr")[:, self.columns]
 
-    def derivatives(self, z: np.ndarray) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+    def derivatives(self, z: np.ndarray) -> tuple[csr_matrix, csr_matrix]:
         """First and second derivative of X along z."""
         size = abs(self.parts(self.X)[0] @ z / self._model.units.nodes).max(initial=0.0)
-        first = second = scipy.sparse.csr_matrix(self.X.shape)
+        first = second = csr_matrix(self.X.shape)
         if not (self._model.scene.joints and size):
             return first, second
         h = _APART / size
@@ -321,11 +312,7 @@ class _Steps:
     """
 
     def __init__(
-        self,
-        model: Model,
-        state: State,
-        rates: np.ndarray,
-        strained: np.ndarray | None = None,
+        self, model: Model, state: State, rates: np.ndarray, strained: np.ndarray | None = None
     ):
         self._model, self._state, self._strained = model, state, strained
         self._rates = rates[: model.reduction.free]
@@ -380,12 +367,12 @@ class _Steps:
         left = abs(residual[: len(columns)] * units.unknowns[columns])
         return bool(left.max(initial=0.0) > _UNBALANCED * largest)
 
-    def _tangent(self, h: float, force: np.ndarray) -> scipy.sparse.csr_matrix:
+    def _tangent(self, h: float, force: np.ndarray) -> csr_matrix:
         """Derivative (columns, columns) by the end of a step: K / 2 + C / h."""
         self.balance(h, force)
         return self.equations.tangent()
 
-    def slopes(self, force: np.ndarray) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+    def slopes(self, force: np.ndarray) -> tuple[csr_matrix, csr_matrix]:
         """Derivatives (columns, columns) of all forces by z and z', by exact tangents of steps.
 
         The derivatives by the ends of a step and of one back are half of that by z.
@@ -446,7 +433,7 @@ def _accelerations(
     model: Model,
     forcing: Forcing,
     state: State,
-    T: scipy.sparse.csr_matrix,
+    T: csr_matrix,
     residual: np.ndarray,
     turning: np.ndarray,
 ) -> np.ndarray:
