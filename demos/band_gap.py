@@ -176,7 +176,7 @@ def draw(results, frequencies, curves, before, after, best):
     period = 2 * np.pi / w
     motion = fb.simulate(scene, dt=period / 40, t_end=30 * period)
     rows = range(29 * 40, 30 * 40)
-    plot.animate(motion, results / "motion.gif", rows=rows, magnify=30.0)
+    plot.animate(motion, results / "motion.gif", rows=rows, magnify=30.0, size=(700, 320))
     thumbnail.card(motion, rows, results / "thumbnail.png", magnify=30.0, tall=8.0)
 
 

@@ -124,7 +124,7 @@ def draw(results, runs):
 
     shown = runs["two bars", ELEMENTS[0]][0]
     rows, path = range(0, len(shown.t), 12), results / "thumbnail.png"
-    plot.animate(shown, results / "motion.gif", rows=rows, magnify=10.0)
+    plot.animate(shown, results / "motion.gif", rows=rows, magnify=10.0, size=(700, 320))
     thumbnail.card(shown, rows, path, magnify=10.0)
     figure, axes = plot.figure(1, 2, height=3.4)
     force, speeds = axes.flat

@@ -96,7 +96,7 @@ def draw(results, cycle, motion, coupler, apart, largest):
     from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png")
-    plot.animate(cycle.solution, results / "motion.gif", rows=range(STEPS))
+    plot.animate(cycle.solution, results / "motion.gif", rows=range(0, STEPS, 2))
     thumbnail.card(cycle.solution, range(STEPS), results / "thumbnail.png")
     figure, (axes,) = plot.figure(1, 2, height=3.2)
     turn = np.arange(STEPS) / STEPS

@@ -139,7 +139,7 @@ def draw(results, runs):
     motion, _, _ = runs[POINTS[-1]]
     plot.scene(scene(POINTS[-1])[0], results / "scene.png")
     turning = range(*np.searchsorted(motion.t, (0.2, 0.2872)))  # two teeth
-    plot.animate(motion, results / "motion.gif", rows=turning)
+    plot.animate(motion, results / "motion.gif", rows=turning[::4])
     thumbnail.card(motion, turning, results / "thumbnail.png", scale=0.6)
     figure, axes = plot.figure(1, 1, height=3.2)
     (ax,) = axes.flat
