@@ -7,7 +7,7 @@ import functools
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from threading import Lock, RLock, local
-from typing import Any, Generic, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -467,8 +467,6 @@ def _on_a_line(name: str, low: np.ndarray, numbers: np.ndarray, ahead: np.ndarra
 
 
 _Method = TypeVar("_Method", bound=Callable)
-_Built = TypeVar("_Built")
-_Besides = TypeVar("_Besides")
 
 
 def one_call(method: _Method) -> _Method:
@@ -489,7 +487,7 @@ def one_call(method: _Method) -> _Method:
     return call  # type: ignore[return-value]
 
 
-class Parametrised(Generic[_Besides]):
+class Parametrised:
     """Scenes that `build` gives for parameters x, and derivatives of their numbers by x.
 
     `read` takes the scene, and all else, from what `build` gives; SceneError if this is wrong.
@@ -498,14 +496,14 @@ class Parametrised(Generic[_Besides]):
 
     def __init__(
         self,
-        build: Callable[..., _Built],
-        read: Callable[[_Built], tuple[Scene, _Besides]],
+        build: Callable,
+        read: Callable[[Any], tuple[Scene, Any]],
         gives: str,
-        numbers_of: Callable[[Scene, _Besides, _Besides], DualArrays] = lambda *_: {},
+        numbers_of: Callable[[Scene, Any, Any], DualArrays] = lambda *_: {},
     ):
         self._built, self._numbers_of = lambda *values: read(build(*values)), numbers_of
         # The scene that `build` gave last, and what it gave besides.
-        self._last: tuple[Scene, _Besides]
+        self._last: tuple[Scene, Any]
         #: What a call gives, for messages.
         self.gives = gives
         #: What is known of functions of the scenes.
@@ -528,7 +526,7 @@ class Parametrised(Generic[_Besides]):
         require(is_right, "Response: x", x, "a sequence of finite numbers")
         return values
 
-    def build_at(self, x: np.ndarray | Dual, *extra: float) -> tuple[Scene, _Besides]:
+    def build_at(self, x: np.ndarray | Dual, *extra: float) -> tuple[Scene, Any]:
         """The scene that `build` makes of a copy of x, and the rest of its result."""
         own_x = x if isinstance(x, Dual) else x.copy()
         building = BUILDING.set(self.array_calls)

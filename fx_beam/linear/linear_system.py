@@ -79,16 +79,12 @@ class InputColumns:
                 if self.G[:, number].any():
                     self.straining.append((number, first[name], float(inputs.values[name][0])))
             elif parts[0].ramps:
-                functions = enumerate(about.forcing.functions)
-                ramps = [
-                    (i, function)
-                    for i, function in functions
-                    if isinstance(function, InputSignal) and function.name == name
-                ]
+                pairs = enumerate(about.forcing.functions)
+                ramps = [(i, ramp) for i, ramp in pairs if isinstance(ramp, InputSignal)]
+                scales = {i: ramp.scale for i, ramp in ramps if ramp.name == name}
                 column = np.zeros(count)
-                for i, ramp in ramps:
-                    column[free + i] = ramp.scale
-                self.driven.append((ramps[0][0], ramps[0][1].scale))
+                column[[free + i for i in scales]] = [*scales.values()]
+                self.driven.append(next(iter(scales.items())))
                 driven.append(number)
                 moved.append(column)
             else:
