@@ -15,9 +15,8 @@ if importlib.util.find_spec("dolfinx") is None or importlib.util.find_spec("pets
         name="dolfinx",
     )
 
-from .equilibrium import Equilibrium
 from .meshes import beams_of
-from .problem import Problem
+from .problem import Equilibrium, Problem
 from .reduced_equations import System
 from .steps import TrialStep
 

@@ -20,7 +20,7 @@ from fx_beam.errors import SceneError
 from fx_beam.fem import elements
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.mesh import Mesh
-from fx_beam.scene.beam import Beam, Node, gauss_rule
+from fx_beam.scene.beam import Beam, Node, gauss_rule, lagrange
 from fx_beam.scene.curve import MeshBeams
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
@@ -96,10 +96,7 @@ class BeamMesh:
 
     def numbers(self, space: fem.FunctionSpace, cell_numbers: np.ndarray) -> np.ndarray:
         """The number of each degree of freedom of a space, from numbers (cells, width) in cells."""
-        dofs = versions.cell_dofs(space)
-        numbers = np.zeros(dofs.max(initial=-1) + 1, dtype=PETSc.IntType)
-        numbers[dofs] = cell_numbers[self.cells]
-        return numbers
+        return self.in_space(space, cell_numbers).astype(PETSc.IntType)
 
     def in_space(self, space: fem.FunctionSpace, cell_values: np.ndarray) -> np.ndarray:
         """The array of a Function in a space that has values (cells, ...)."""
@@ -107,13 +104,6 @@ class BeamMesh:
         values = np.zeros(dofs.max(initial=-1) + 1)
         values[dofs] = cell_values.reshape(len(cell_values), -1)[self.cells]
         return values
-
-    def _gathered(self, own_values: np.ndarray) -> np.ndarray:
-        """Values (cells, ...) from the values of the cells that each process owns."""
-        owned, _ = versions.count_cells(self.mesh)
-        values = np.zeros((len(self._nodes.points), *own_values.shape[1:]))
-        values[self.cells[:owned]] = own_values
-        return self.total(values)
 
     def total(self, values: np.ndarray) -> np.ndarray:
         """The sum over all processes, in place."""
@@ -173,7 +163,7 @@ class BeamMesh:
         tags = self.beams.data.tags if len(expressions) > 1 else 0 * self.beams.data.tags
         places = gauss_rule(self.degree)[0] if points is None else np.asarray(points, float)
         owned_cells = self.cells[: versions.count_cells(self.mesh)[0]]
-        values = np.empty((len(owned_cells), len(places), *expressions[0].ufl_shape))
+        values = np.zeros((len(tags), len(places), *expressions[0].ufl_shape))
         for number, part in enumerate(expressions):
             key = part, places.tobytes()
             if key not in self._expressions:
@@ -181,15 +171,14 @@ class BeamMesh:
                 self._expressions[key] = versions.compiled_expression(part + zero, places[:, None])
             chosen = np.flatnonzero(tags[owned_cells] == number)
             computed = versions.values_of(self._expressions[key], self.mesh, chosen)
-            values[chosen] = computed.reshape(len(chosen), len(places), *part.ufl_shape)
-        return self._gathered(values)
+            values[owned_cells[chosen]] = computed.reshape(len(chosen), *values.shape[1:])
+        return self.total(values)
 
     def interpolated(self, values: np.ndarray, name: str) -> fem.Function:
         """A discontinuous Function with values (cells, degree, ...) at the Gauss points."""
-        p, exponents = self.degree, np.arange(self.degree)
+        p = self.degree
         places = [0.5] if p == 1 else [0.0, 1.0, *np.linspace(0, 1, p)[1:-1]]
-        interpolation = np.power.outer(places, exponents)
-        interpolation = interpolation @ np.linalg.inv(np.power.outer(gauss_rule(p)[0], exponents))
+        interpolation = lagrange(gauss_rule(p)[0], np.array(places))
         element = elements.lagrange(p - 1, *values.shape[2:], broken=True)
         function = fem.Function(self.space(element), name=name)
         values = np.einsum("np,cp...->cn...", interpolation, values)

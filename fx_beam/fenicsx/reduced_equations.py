@@ -62,10 +62,6 @@ class Assembly:
         self._local.assemble()
         return self.grid.total(self._local.getValuesCSR()[2])
 
-    def resultants(self) -> np.ndarray:
-        """N, Q and M (cells, points, 3) at the Gauss points."""
-        return self.grid.at_points(self.fields.resultants)
-
 
 def csr_of(matrix: scipy.sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows, columns and values of a matrix, as PETSc takes them."""
@@ -135,14 +131,11 @@ class Unknowns:
     def matrix(self, matrix: scipy.sparse.csr_matrix) -> PETSc.Mat:
         """A matrix (n, n); each process has the rows of its unknowns."""
         sizes = ((len(self._own), self.size),) * 2
-        return PETSc.Mat().createAIJ(sizes, csr=csr_of(self._rows(matrix)), comm=self.comm)
+        return PETSc.Mat().createAIJ(sizes, csr=csr_of(self.rows(matrix)), comm=self.comm)
 
-    def _rows(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    def rows(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+        """The rows of a matrix (n, n) that this process has, in the numbers of PETSc."""
         return matrix if self.comm.size == 1 else matrix[self._own][:, self._order]
-
-    def assemble(self, matrix: scipy.sparse.csr_matrix) -> PETSc.Mat:
-        """The reduced tangent in PETSc."""
-        return self.set_values(*csr_of(self._rows(matrix)))
 
     def set_values(self, indptr: np.ndarray, indices: np.ndarray, values: np.ndarray) -> PETSc.Mat:
         """The reduced tangent in PETSc, from compressed rows of this process."""
@@ -275,7 +268,8 @@ class ReducedEquations:
         reduction, couplings = self.model.reduction, self.model.couplings
         others = couplings.sliding or couplings.closures or couplings.auxiliaries
         if others or self.model.points.members is not None or self.unknowns.comm.size > 1:
-            return self.unknowns.assemble(self._engine.tangent())
+            rows = self.unknowns.rows(self._engine.tangent())
+            return self.unknowns.set_values(*csr_of(rows))
         return self.unknowns.set_values(*reduction.tangent.pattern, self._engine.values)
 
     @property
@@ -359,7 +353,8 @@ class Newton:
         judged = problem.results(reduced=columns, step=columns, correction=n)
         self._reduced, self._step, self._correction = judged
         self._shortened, self._residual = False, np.empty(0)
-        self._failure = self._constants.NO_CONVERGENCE
+        #: Code of a step that finds no increment.
+        self.none = self._failure = self._constants.NO_CONVERGENCE
         #: What ends a sub-step that has begun, in the place of SNES, by its length.
         self.own: Callable[[float], int] | None = None
         #: Solver of the last step.
@@ -375,10 +370,6 @@ class Newton:
             self.snes.reset()
             self._set_functions()
         return self.own(dt) if self.own else self._solve(dt, iterations)
-
-    def stay(self, dt: float) -> int:
-        """End no sub-step: all is there for one that a user takes."""
-        return self._constants.NO_CONVERGENCE
 
     def take(self, y: PETSc.Vec, dt: float) -> int:
         """End a sub-step at unknowns y of a user."""

@@ -47,12 +47,6 @@ class NamedConstant(fem.Constant):
 Symbol = fem.Function | fem.Constant
 
 
-def _bytes(symbol: Symbol) -> bytes:
-    """Values of a symbol, which are the same also where they are not finite."""
-    values = symbol.x.array if isinstance(symbol, fem.Function) else symbol.value
-    return bytes(values.tobytes())
-
-
 class DolfinxSymbols(Symbols):
     """Makes the symbols of forms on a mesh; the tags of cells number materials."""
 
@@ -117,14 +111,19 @@ class DolfinxFields:
         self._internal, self._parameters = data.internal, data.parameters
         #: Accelerations beside those of the rule, of what driven motions alone move.
         self.led = fem.Function(self.V, name="driven_acceleration")
-        # Symbols with the bytes of their values as they were set last.
-        self._known = {id(symbol): (symbol, _bytes(symbol)) for symbol in self.named}
         #: What takes the place of each symbol of the start in a form of the end.
         self.ends = {fields.start: self.q, fields.natural[0]: fields.natural[1]}
         self._internal_end: fem.Function | None = None
+        symbols = [*self.named, *state, self.led]
         if self._internal is not None:
             self._internal_end = fem.Function(self._internal.function_space, name="internal_end")
             self.ends[self._internal] = self._internal_end
+            symbols.append(self._internal_end)
+        # Symbols with their values, in memory of dolfinx, and as bytes as they were set last.
+        self._known: dict[int, tuple[Symbol, np.ndarray, bytes]] = {}
+        for symbol in symbols:
+            values = symbol.x.array if isinstance(symbol, fem.Function) else symbol.value
+            self._known[id(symbol)] = symbol, values, values.tobytes()
         named = data.named_data
         if fields.coordinate is not None:
             named["coordinate"] = fields.coordinate
@@ -133,11 +132,9 @@ class DolfinxFields:
 
     def _set(self, symbol: Symbol, values: ArrayLike) -> None:
         """Set a Function by its array, or a Constant, whose values no user may change."""
-        if isinstance(symbol, fem.Function):
-            symbol.x.array[:] = values
-        else:
-            symbol.value = values
-        self._known[id(symbol)] = symbol, _bytes(symbol)
+        _, array, _ = self._known[id(symbol)]
+        array[...] = values
+        self._known[id(symbol)] = symbol, array, array.tobytes()
 
     def _set_nodes(self, function: fem.Function, values: np.ndarray) -> None:
         """Set a Function on V by values (size,)."""
@@ -193,8 +190,8 @@ class DolfinxFields:
 
     def refuse_writes(self) -> None:
         """Refuse values that a user has written into symbols, which no step would read."""
-        for symbol, known in self._known.values():
-            if _bytes(symbol) != known:
+        for symbol, values, known in self._known.values():
+            if values.tobytes() != known:  # which are the same also where they are not finite
                 raise SceneError(
                     f"fenicsx: what was written into {symbol.name} of the problem would be lost. "
                     "Give a state of your own to set_state(q=, v=), unknowns to begin(), a length "

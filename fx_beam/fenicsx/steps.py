@@ -54,7 +54,7 @@ class ReplacedRows:
         form, rows = self._assembly.form, self._recorder.rows
         is_new = form.replaced and rows > len(self._rows)
         if is_new:
-            self._rows.append(self._assembly.resultants())
+            self._rows.append(form.grid.at_points(form.fields.resultants))
         if update is not None:
             update()
         lost = form.dissipated() if update is not None else 0.0
@@ -263,7 +263,7 @@ class DolfinxSteps:
         self, prepare: Callable[[], object], take: Callable[[], None]
     ) -> Iterator[TrialStep]:
         """A step that `prepare` begins without an end, and that `take` takes if it is accepted."""
-        self._newton.own = self._newton.stay
+        self._newton.own = lambda dt: self._newton.none
         try:
             prepare()
             yield TrialStep(self._newton, self._equations, take)
