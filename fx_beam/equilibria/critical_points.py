@@ -14,16 +14,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from fx_beam.dual import floats
-from fx_beam.errors import (
-    SceneError,
-    StepError,
-    answering_keywords,
-    as_float,
-    is_number,
-    is_whole,
-    require,
-    shown,
-)
+from fx_beam.errors import SceneError, StepError, as_float, is_number, is_whole, require, shown
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.initial_state import rates_of_columns, reference_state
 from fx_beam.motions.motion_setup import model_for
@@ -752,7 +743,6 @@ _STEEP = 0.5
 NOT_LOCATED = "not located"
 
 
-@answering_keywords
 @dataclass(frozen=True)
 class CriticalPoint:
     """A point of a path of equilibria at which modes become unstable, or stable again.
