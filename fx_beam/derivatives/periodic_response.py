@@ -391,7 +391,8 @@ class PeriodicResponse(Response):
         Parameters
         ----------
         n : int
-            How many, without those that are 1 for shifts in time and the energy of a family.
+            Number of multipliers, without those that are 1 for shifts in time and the energy of a
+            family.
 
         Returns
         -------

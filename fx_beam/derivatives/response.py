@@ -289,9 +289,9 @@ class Response(ParameterFunction):
     max_halvings : int
         How often a failing step is halved.
     record : Record, optional
-        Rows of the outputs, by `every` or `times`; by default all steps. What the outputs do not
-        need is not recorded in any case. Velocities at `times` are those of polynomials, their
-        derivatives those of the steps.
+        Rows of the outputs, by `every` or `times`; by default all steps. Quantities that no output
+        needs are not recorded. Velocities at `times` are those of polynomials, while their
+        derivatives are those of the steps.
     inputs : dict, optional
         Functions of time of the inputs of the scene, as in `simulate`.
     memory : float

@@ -338,8 +338,8 @@ class StaticResponse(Response):
         exponent : float
             p.
         coefficients : (m,) float
-            c for each number alone; 0 for those that are no imperfections. If no number is one,
-            `jacobian` gives the slopes.
+            c for each number alone; 0 for numbers that are no imperfections. If no number is an
+            imperfection, `jacobian` gives the slopes.
 
         Raises
         ------

@@ -133,7 +133,7 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     Parameters
     ----------
     scene : Scene
-        The perfect scene. What is rigid, such as bodies and the arms of ribs, turns and moves.
+        The perfect scene. Rigid parts, such as bodies and the arms of ribs, turn and move.
     modes : Modes
         Modes of this scene: of a critical point, or of `modes`.
     size : float

@@ -64,12 +64,12 @@ def frequency_response(
         by default the reference configuration without loads, as for `modes`. In a turn the load and
         the motion are those seen in the frame that turns.
     base : (2,) complex, optional
-        In place of a load, the amplitudes of the displacement of the base [m] in x and y. Of an
-        acceleration a [m/s^2] at a frequency f it is ``-a / (2 pi f)**2``.
+        In place of a load, the amplitudes of the displacement of the base [m] in x and y. An
+        acceleration a [m/s^2] at a frequency f has the amplitude ``-a / (2 pi f)**2``.
     damping_ratio : float or (n,) float, optional
         Modal damping beside that of the scene: damping ratios of the n lowest modes; or one for all
-        modes up to three times the largest of the `frequencies`. Each mode of them has exactly its
-        ratio. Higher modes have that of the last one in proportion to their frequencies.
+        modes up to three times the largest of the `frequencies`. Each of these modes has exactly
+        its ratio. Higher modes have that of the last one in proportion to their frequencies.
 
     Returns
     -------

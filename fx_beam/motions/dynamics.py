@@ -306,7 +306,7 @@ def simulate(
         are means over steps or those at a level in them, those at the end count, by the line
         through the last two.
     outputs : dict, optional
-        What `until` needs: `Output` by names, as in `Motion`.
+        Outputs that `until` needs: `Output` by names, as in `Motion`.
     changes : dict, optional
         Latches that close and joints that break, `Latch` and `Fuse` by names. At the time of each
         one, found as for `until`, a step ends, and the motion goes on with the changed scene, by

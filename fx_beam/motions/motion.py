@@ -290,7 +290,7 @@ class Motion:
     dt : float
         Time step [s].
     outputs : dict, optional
-        What `step` returns: `Output` by names.
+        Outputs that `step` returns: `Output` by names.
     start : Solution, optional
         Solution whose end is the initial state, as in `simulate`; by default the reference
         configuration with the initial velocities of the scene.

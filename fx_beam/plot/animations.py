@@ -141,7 +141,7 @@ def animate(
         Width and height of the frames [pixels], from 100 to 4096, such as (1920, 1080); by
         default as the scene asks for, up to 700 and 560.
     title : str
-        What is written over the film, on the right.
+        Text over the film, on the right.
     theme : {"light", "dark"}
         Colours of the film.
 

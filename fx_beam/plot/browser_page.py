@@ -90,7 +90,7 @@ def interactive(
     magnify : float
         Factor on displacements.
     title : str
-        What is written over the shapes, and in the title of the window.
+        Text over the shapes, and in the title of the window.
 
     Returns
     -------

@@ -43,7 +43,7 @@ class LiveView:
     Attributes
     ----------
     url : str
-        Its address on this computer, with the token without which nothing is answered.
+        Address of the page on this computer, with the token that each request needs.
     """
 
     def __init__(self, motion: Any, limits: Mapping[str, Any] | None, speed: float):

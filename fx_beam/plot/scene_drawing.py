@@ -323,7 +323,7 @@ def scene(
     nodes : bool
         Whether the nodes between elements have dots.
     title : str
-        What is written over the drawing.
+        Text over the drawing.
     theme : {"light", "dark"}
         Colours of the drawing.
 

@@ -111,7 +111,7 @@ def shapes(
         (rows, elements, m) in all rows, each on one of m equal parts of an element. So are fields
         of `fenicsx.Problem.at_points`. As with "time" members are tubes, drawn by VTK.
     colour_limits : (float, float), optional
-        Values at the ends of the colour scale; by default those that occur. On a log scale the
+        Values at the ends of the colour scale; by default the extreme values. On a log scale the
         smallest and the largest size.
     colour_scale : {"linear", "log"}
         Scale of the colours. "log" shows weak and strong values beside each other; N, Q and M keep
@@ -122,7 +122,7 @@ def shapes(
         others, twice the radius of its contact; else that of a rectangle, sqrt(12 EI / EA), or
         sqrt(12 rhoI / rhoA) without EA; a circle's diameter is 1.155 times that.
     title : str
-        What is written over the picture, before the times that are shown.
+        Text over the picture, before the times that are shown.
     theme : {"light", "dark"}
         Colours of the picture.
 
@@ -279,8 +279,8 @@ def modes(
     Returns
     -------
     matplotlib.figure.Figure
-        The picture, with a panel for each mode. Their titles count from 1: mode 1 is row 0 of
-        `Modes`. They have its frequency or load factor.
+        The picture, with a panel for each mode. Titles count from 1, mode 1 being row 0 of `Modes`,
+        and have the frequency or load factor.
     """
     path, colours = picture(path), theme_of(theme)
     titles: list[str] = []
@@ -403,7 +403,7 @@ def diagrams(
     scene_unit : str
         Unit of length in which the scene is given, for labels; nothing is scaled.
     title : str
-        What is written over the picture, before the time or load factor.
+        Text over the picture, before the time or load factor.
     theme : {"light", "dark"}
         Colours of the picture.
 

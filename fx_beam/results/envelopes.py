@@ -82,7 +82,7 @@ def envelope(
     solutions : sequence of Solution
         The cases: of one scene, of copies of it, or of scenes with the same parts.
     part : Output, Beam or str
-        What is looked at: an output, or the section forces along a beam, also by its name.
+        An output, or a beam or its name for the section forces along it.
     s : (places,) float, optional
         Arc lengths along the beam [m]; by default 101 places from end to end.
 
@@ -95,7 +95,8 @@ def envelope(
     Raises
     ------
     SceneError
-        For no solution, what is no output or beam of each of them, and places beyond the beam.
+        Without a solution, for a part that is no output or beam of each solution, and for places
+        beyond the beam.
     ValueError
         If what it needs was not recorded.
 

@@ -43,9 +43,9 @@ class SpectrumResponse:
     values : dict of (...) float
         Largest sizes of the outputs, by name, without a sign.
     modal : dict of (n, ...) float
-        What each mode gives at its largest, with the sign that it has beside others.
+        Largest contribution of each mode, with its sign relative to the other modes.
     rest : dict of (...) float
-        What the mass gives that no mode has: it moves with the ground.
+        Contribution of the mass that the modes lack, which moves with the ground.
     accelerations : (n,) float
         Ordinates of the spectrum at the periods of the modes [m/s^2].
     rigid : (n,) float

@@ -31,7 +31,7 @@ class Latch:
     at : float
         The slide [m] or relative rotation [rad], reached from either side.
     coordinate : {"slide", "rotation"}, optional
-        What is held, for joints that have both.
+        The coordinate that is held, for joints that have both.
 
     Raises
     ------

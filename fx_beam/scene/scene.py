@@ -613,7 +613,7 @@ class Scene:
         energy : callable, optional
             In place of the stiffness ``energy(d)``, the stored energy of a node [J], of a beam per
             length [J/m], as a UFL expression of the depth d [m] that rises from d = 0 on. Its
-            derivative is in the place of k d.
+            derivative takes the place of k d.
         friction : Coulomb, optional
             Friction that sticks; none by default. It acts on the surface of a member with a
             `radius`, and on that of a circle or line that moves. On a member a node with a radius
@@ -804,7 +804,7 @@ class Scene:
         ------
         SceneError
             For fewer than two points, no node among them, two in a row at one place, or a length
-            without a linear spring. As of `add_force_between`.
+            without a linear spring; and as `add_force_between`.
 
         Examples
         --------
@@ -946,9 +946,9 @@ class Scene:
             Whether the bed lies to the right of the beam, seen from its start, and does not pull:
             below a beam from left to right.
         law : Spring, Damper, SmoothFriction, Stop or a list of them, optional
-            What acts across the beam per length in the place of `normal`, on the displacement to
-            its left [m]: a spring with a `strain_energy` [J/m] for soil that yields (p-y curves) or
-            that the beam leaves.
+            Law across the beam per length in the place of `normal`, on the displacement to its left
+            [m]: a spring with a `strain_energy` [J/m] for soil that yields (p-y curves) or that the
+            beam leaves.
 
         Returns
         -------
@@ -1466,7 +1466,7 @@ class Scene:
         Parameters
         ----------
         *parts : Joint, Beam, Body, Contact, Load, Mass, Drag, VirtualWork, ForceBetween, ...
-            What the methods that add them returned. For supports there is `free`.
+            Parts that the methods `add_...` returned. For supports there is `free`.
 
         Raises
         ------

@@ -420,7 +420,7 @@ def sweep(
     cases : iterable of dict, or pandas.DataFrame
         Cases: parameters by name, or the rows of a table.
     executor : concurrent.futures.Executor or int, optional
-        What runs the cases: any executor, or the number of processes; by default one process with
+        Any executor that runs the cases, or the number of processes; by default one process with
         one thread for each core. If one of these is killed, its case is repeated after all others,
         alone, and fails if its process dies again; with your own executor this depends on the
         executor. Under ``mpirun -n N python -m mpi4py.futures`` give an
