@@ -624,7 +624,7 @@ class Crossings:
                 return
             reason = (
                 f"of its modes {count} are unstable at its start and {next_count} at its end, "
-                f"with no critical point between ({missing}): it has reached another path"
+                f"with no critical point between: {missing}"
             )
             raise StepFailed("off the path", reason, new.q - old.q)
         self._seen[id(new)] = old, new, crossings

@@ -378,6 +378,12 @@ def _error(stepper: LoadStepper, state: State, goal: float, failure: StepFailed)
             f"The displacement per load is {response[1] / response[0]:.3g} times that of the first "
             'step, which indicates a limit point. Use continuation="arc-length" to pass it'
         )
+    if state.unstable_modes:
+        advice = (
+            "The path is unstable before it, as of a strip that is pushed far beyond its buckling "
+            "load. Fewer load steps, a larger load to one side, or places a little to that side "
+            "may lead it to the stable one"
+        )
     if stepper.model.couplings.sliding:
         advice += (
             ". A node that slides on a slack cable moves far under a small load: find its place by "

@@ -70,6 +70,17 @@ def test_no_step_goes_on_straight_where_the_side_load_is_2e_7_of_eulers(turn):
     assert path.stable.all()
 
 
+@pytest.mark.parametrize("side", [1e-3, 1e-4])
+def test_a_path_that_is_lost_where_it_is_unstable_names_ways_to_the_stable_one(side):
+    """Of them fewer load steps. It named limit points and more steps."""
+    scene, bar = strip(1e7, side)
+    with pytest.raises(fb.StepError, match="path is unstable before it.*Fewer load steps"):
+        fb.static(scene, load_steps=100, t=1.0)
+    path = fb.static(scene, t=1.0)
+    assert middle(path, bar) == pytest.approx(0.140, abs=7e-4)
+    assert path.stable[-1]
+
+
 def elastica(EA, side, push):
     """Middle and push of the strip, by Reissner's equations of its left half, by shooting."""
 
