@@ -36,7 +36,7 @@ _AT_ONCE = 20_000
 _STEPS, _OF_LOSS, _FAST = 10, 6.0, 10.0
 # Restitution of a plastic impact; stiffness of friction, relative to its contact, from which
 # what sticks does so at once (3 % of the spin of a rimless wheel); part of the limit below which it
-# sticks, and of the normal force from which friction matters.
+# sticks, and of the normal force, and of the depth, from which its force and way matter.
 _PLASTIC, _STIFFER, _STUCK, _ALONG = 0.1, 30.0, 0.98, 0.05
 # Part of the largest motion in a step towards a contact, below which one is no impact.
 _OF_FASTEST = 1e-2
@@ -421,9 +421,14 @@ def _warn_of_soft_landings(solution: Solution) -> None:
         fast = -np.diff(gap, axis=0) > speed * np.diff(t)[:, None]
         begins = (gap[1:] < 0) & (gap[:-1] >= 0) & fast
         pull, normal = abs(contact.tangential), contact.normal
-        sticks = (pull < _STUCK * friction.mu * normal) & (pull > _ALONG * normal)
-        soon = _steps_for(0.0)
-        landed = [k for k, i in np.argwhere(begins) if sticks[k + 1 : k + 1 + soon, i].any()]
+        along = (pull > _ALONG * normal) | (abs(contact.stretch) > _ALONG * abs(gap))
+        sticks = along & (pull < _STUCK * friction.mu * normal)
+        deepest = np.append(np.diff(gap, axis=0) >= 0, np.ones((1, gap.shape[1]), bool), axis=0)
+        landed = []
+        for k, i in np.argwhere(begins):
+            soon = max(_steps_for(0.0), int(np.argmax(deepest[k + 1 :, i])))
+            if sticks[k + 1 : k + 1 + soon, i].any():
+                landed.append(k)
         if landed:
             _log.warning(
                 "simulate: %s: at t = %.6g it lands without restitution and sticks, with a "
