@@ -77,8 +77,8 @@ def run(demo):
 
 
 def caption(name):
-    """The name of a picture in words, such as "Force and displacement"."""
-    return name.replace("_", " ").capitalize()
+    """The name of a picture in words, such as "Force and displacement"; a card shows shapes."""
+    return name.replace("_", " ").replace("thumbnail", "shapes").capitalize()
 
 
 def page(demo, folder):
