@@ -168,7 +168,7 @@ def animate(
         check_takes(scenery, "axes, k", "scenery")
     drawing = checked_drawing(solution, magnify, scene_unit, 100, rows, times, count)
     shown, words = drawing.rows, words_over(drawing, title)
-    members = symbols.DrawnMembers(drawing, thickness, colour, colour_limits, colour_scale)
+    members = symbols.DrawnMembers(drawing, theme, thickness, colour, colour_limits, colour_scale)
     framed_points = members.corners
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution

@@ -242,7 +242,7 @@ def _quantity(drawing: Drawing, name: str, values: np.ndarray) -> dict[str, obje
     values = values.reshape(len(drawing.rows), -1)
     largest = float(abs(values).max()) or 1.0
     signed = symbols.is_signed(name)
-    scale = symbols.SIGNED if signed else symbols.SEQUENTIAL
+    scale = symbols.SIGNED if signed else symbols.SEQUENTIAL["light"]
     return {
         "name": symbols.WORDS.get(name, name).replace("$", ""),
         "unit": symbols.unit_of(name, drawing.unit),

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Area
@@ -135,7 +135,7 @@ def shapes(
     drawing = checked_drawing(solution, magnify, scene_unit, _ROWS, rows, times, count)
     shown, by_time = drawing.rows, isinstance(colour, str) and colour == "time"
     quantity = None if by_time else colour
-    members = symbols.DrawnMembers(drawing, thickness, quantity, colour_limits, colour_scale)
+    members = symbols.DrawnMembers(drawing, theme, thickness, quantity, colour_limits, colour_scale)
     drawing.include(members.corners)
     marks = symbols.checked_marks(drawing, marks)
     ends = headings(solution, solution.t[[shown[-1], shown[0]]])
@@ -152,7 +152,8 @@ def shapes(
         plane.draw_bar(members.scale, **members.bar)
         shades = [members.scale.to_rgba(members.values[k]) for k in shown]
     elif by_time:
-        shades = [symbols.SEQUENTIAL(0.0)] if len(shown) == 1 else _colours_of_times(plane, drawing)
+        ramp = symbols.SEQUENTIAL[theme]
+        shades = [ramp(0.0)] if len(shown) == 1 else _colours_of_times(plane, drawing, ramp)
     has_tubes = thickness is None and (by_time or isinstance(colour, Mapping))
     if has_tubes:
         _draw_tubes(pen, drawing, members.pieces, shades)
@@ -187,7 +188,7 @@ def shapes(
     return written(plane.figure, path)
 
 
-def _colours_of_times(plane: Plane, drawing: Drawing) -> np.ndarray:
+def _colours_of_times(plane: Plane, drawing: Drawing, ramp: Colormap) -> np.ndarray:
     """Colours of the rows by their times, with a colour bar."""
     solution, rows = drawing.solution, list(drawing.rows)
     values = solution.t[rows]
@@ -195,7 +196,7 @@ def _colours_of_times(plane: Plane, drawing: Drawing) -> np.ndarray:
     static = solution.stats.static
     # On a path through limit points a load factor occurs more than once: colours are by order.
     values = np.arange(len(rows)) if static else factor * values
-    scale = ScalarMappable(Normalize(values.min(), values.max()), symbols.SEQUENTIAL)
+    scale = ScalarMappable(Normalize(values.min(), values.max()), ramp)
     shades = scale.to_rgba(values)
     bar = plane.draw_bar(scale, label="load factor, in order" if static else f"time $t$ [{unit}]")
     if static:

@@ -49,10 +49,14 @@ _PIECES = 12  # per element, each with one colour
 _NONE = np.empty((0, 1))
 _MANY = 6_000  # largest number of pieces in all, if elements have several pieces
 
-# Without the palest colours, which are hard to see on white.
-SEQUENTIAL = LinearSegmentedColormap.from_list(
-    "sequential", matplotlib.colormaps["viridis"](np.linspace(0, 0.92, 256))
-)
+# By themes: without the palest colours on white, and without the darkest ones on black.
+SEQUENTIAL = {
+    theme: LinearSegmentedColormap.from_list(theme, matplotlib.colormaps["viridis"](parts))
+    for theme, parts in (
+        ("light", np.linspace(0, 0.92, 256)),
+        ("dark", np.linspace(0.3, 1, 256)),
+    )
+}
 # Blue below zero and red above; grey and not white in between.
 SIGNED = matplotlib.colormaps["coolwarm"]
 WORDS = {
@@ -85,6 +89,7 @@ class DrawnMembers:
     def __init__(
         self,
         drawing: Drawing,
+        theme: str,
         thickness: float | None = None,
         quantity: Any = None,
         limits: tuple[float, float] | None = None,
@@ -107,13 +112,15 @@ class DrawnMembers:
         #: Values (elements * pieces,) by rows.
         self.values: dict[int, np.ndarray] = {}
         if quantity is not None:
-            self._take_colours(quantity, limits, scale)
+            self._take_colours(theme, quantity, limits, scale)
             return
         expected = "given with a colour, such as colour='M'"
         require(limits is None, "colour_limits", limits, expected)
         require(isinstance(scale, str) and scale == "linear", "colour_scale", scale, expected)
 
-    def _take_colours(self, quantity: Any, limits: tuple[float, float] | None, scale: str) -> None:
+    def _take_colours(
+        self, theme: str, quantity: Any, limits: tuple[float, float] | None, scale: str
+    ) -> None:
         drawing, solution = self._drawing, self._drawing.solution
         if not solution.beams:
             raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
@@ -135,7 +142,7 @@ class DrawnMembers:
         if scale == "log" and not signed:  # zero has the colour of the low end
             rows = np.maximum(rows, norm.vmin)
         self.values = dict(zip(drawing.rows, rows, strict=True))
-        self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
+        self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL[theme])
         ends_beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
         self.bar: Look = {"label": label}
         self.bar["extend"] = ends_beyond.get((low, high), "neither")

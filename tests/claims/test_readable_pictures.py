@@ -153,6 +153,10 @@ def test_colours_can_be_seen_on_the_paper(theme):
     for colour in (*look.MEMBERS, look.ACTS, look.ROPE):
         low, high = sorted((luminance(colour), paper))
         assert (high + 0.05) / (low + 0.05) > 3
+    # Of a scale of colours the weakest one can be told from the paper.
+    for colour in plot.symbols.SEQUENTIAL[theme]((0.0, 1.0)):
+        low, high = sorted((luminance(tuple(colour[:3])), paper))
+        assert (high + 0.05) / (low + 0.05) > 1.35
 
 
 def test_notebooks_show_pictures_and_films_without_a_path():
@@ -191,10 +195,10 @@ def test_a_field_of_ones_own_and_times_have_the_colours_of_their_bar(theme):
         figure = plot.shapes(solution, colour={"damage": values}, theme=theme, **choice)
         bar = figure.axes[1]
         assert "damage" in (bar.get_xlabel(), bar.get_ylabel())
-        ramp = np.asarray(plot.symbols.SEQUENTIAL(field.ravel() / 5.0))[:, :3]
+        ramp = np.asarray(plot.symbols.SEQUENTIAL[theme](field.ravel() / 5.0))[:, :3]
         assert abs(colours_at(figure, middles) - ramp).max() < 0.02
     last = plot.shapes(solution, colour="time", theme=theme)
-    assert abs(colours_at(last, middles) - plot.symbols.SEQUENTIAL(1.0)[:3]).max() < 0.02
+    assert abs(colours_at(last, middles) - plot.symbols.SEQUENTIAL[theme](1.0)[:3]).max() < 0.02
 
 
 def test_a_field_has_a_value_for_each_element_in_each_row():
