@@ -19,6 +19,7 @@ import sys
 import tempfile
 import tracemalloc
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from time import process_time
 
@@ -133,12 +134,17 @@ def members(n):
     return scene, above.node(0.5)
 
 
+def turned(k, t):
+    """Angle of the motor with the number k."""
+    return 0.1 * t**2 * (1 + k)
+
+
 def motors(n):
     """n bodies beside each other, each turned by a motor."""
     scene = fb.Scene()
     for k in range(n):
         body = scene.add_body((k, 0), 1.0, 0.1).centre
-        scene.add_joint(fb.Revolute(fb.GROUND, body, motor=lambda t, k=k: 0.1 * t**2 * (1 + k)))
+        scene.add_joint(fb.Revolute(fb.GROUND, body, motor=partial(turned, k)))
     return scene, body
 
 
