@@ -128,10 +128,13 @@ class BeamMesh:
         dx = elements.measure(domain, points or self.degree)(subdomain_data=self.cell_tags)
         if place is None:
             return dx
-        beams = [place] if isinstance(place, Beam) else [*place]
+        beams = [*place] if isinstance(place, Sequence) else [place]
         for beam in beams:
-            if not self.scene.beams.has(beam):
-                raise SceneError(f"fenicsx: measure: {beam} is no beam of this scene")
+            if not isinstance(beam, Beam) or not self.scene.beams.has(beam):
+                raise SceneError(
+                    f"fenicsx: measure: {beam} is no beam of this scene. By numbers: dx(i), by "
+                    "tags of a mesh: measure(beams.tagged(2))"
+                )
         return dx(tuple(self.scene.beams.number_of(beam.name) for beam in beams))
 
     def over_beams(self, form: ufl.Form) -> ufl.Form:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, MutableSequence
+from dataclasses import replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -360,6 +361,9 @@ class Newton:
         #: Solver of the last step.
         self.snes = PETSc.SNES().create(equations.assembly.grid.comm)
         self._set_options(options)
+        # As errors name it.
+        own = replace(newton, max_iterations=self.snes.getTolerances()[3])
+        problem.kind = problem.kind._replace(newton=own)
         self._set_functions()
         equations.loop.find_by(self._find)
 

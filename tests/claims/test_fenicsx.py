@@ -128,6 +128,8 @@ def test_what_is_no_term_of_the_residual_is_refused_with_a_sentence():
     for places in (cantilever()[1], [first, cantilever()[1]]):
         assert_refused("no beam of this scene", problem.measure, places)
     assert_refused("no end of the mesh", lambda: problem.measure(first.nodes[1]))
+    for place in (2, "beam 1", [1], cantilever()[1]):
+        assert_refused("is no beam of this scene", problem.measure, place)
 
 
 def test_a_term_may_be_the_derivative_of_an_energy():
@@ -705,6 +707,8 @@ def test_a_method_of_petsc_has_as_many_iterations_as_it_needs():
     newton = fenicsx.Equilibrium(scene)
     newton.advance(1.0)
     few, most = fb.NewtonOptions(max_iterations=3), {"snes_max_it": 12}
+    with pytest.raises(fb.StepError, match="no convergence in 2 iterations"):
+        fenicsx.Equilibrium(scene, petsc_options={"snes_max_it": 2}).advance(1.0)
     for options in ({"snes_type": "newtontr"}, most):
         other = fenicsx.Equilibrium(scene, petsc_options=options, newton=few)
         other.advance(1.0)
