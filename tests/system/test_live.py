@@ -77,7 +77,7 @@ def test_a_motion_follows_sliders_without_jumps_and_goes_back():
     motion = arm(record=fb.Record())
     with shown(motion, limits={"torque": (-3, 3)}) as view:
         at_rest = ask(view)["outputs"]["angle"][0]
-        moved = run_to(view, 1.0, inputs={"torque": [2.0]})
+        moved = run_to(view, 1.2, inputs={"torque": [2.0]})
         assert moved["targets"] == {"torque": [2.0]} and moved["outputs"]["angle"][0] > at_rest
         assert motion.inputs["torque"] == pytest.approx(2.0, rel=1e-3)
         torques = np.diff(motion.solution().energy.work)
