@@ -292,8 +292,8 @@ class Drawing:
 
     def positions(self, nodes, rows) -> np.ndarray:
         """Positions (..., 2) of nodes, by their numbers, in some rows."""
-        nodes = np.asarray(nodes, dtype=int)
-        moved = self._q[rows][..., nodes, :2]
+        nodes, numbers = np.asarray(nodes, dtype=int), np.arange(len(self._q))[rows]
+        moved = self._q[numbers.reshape(numbers.shape + (1,) * nodes.ndim), nodes, :2]
         return self.solution.X[nodes] + self.magnify * moved
 
     def place(self, point: Node | FixedPoint, k: int) -> np.ndarray:

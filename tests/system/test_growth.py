@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from growth import KINDS, calls, exponent, ladder, lattice, measure, peak, sliders, warm
+from growth import KINDS, calls, exponent, ladder, lattice, measure, peak, sliders, springs, warm
 
 import fx_beam as fb
 from fx_beam.coupling import reduction
 from fx_beam.coupling.graph import Entries
+from fx_beam.plot.drawing import Drawing
 from fx_beam.step import tangent_storage
 from fx_beam.step.stepper import CompiledLoop
 
@@ -55,6 +56,12 @@ def test_factors_and_work_space_of_many_joints_are_linear(kind, error, monkeypat
     assert [after / before for before, after in zip(small, large, strict=True)] == pytest.approx(
         [4.0, 4.0], rel=error
     )
+
+
+def test_the_position_of_a_node_in_some_rows_copies_no_other_nodes():
+    solution = fb.simulate(springs(512)[0], dt=1e-3, t_end=0.01)
+    drawing = Drawing(solution, [0])
+    assert peak(lambda: drawing.positions(3, range(10))) < solution.q.nbytes / 20
 
 
 def test_tables_of_the_tangent_of_a_large_frame_are_found_once(monkeypatch):
