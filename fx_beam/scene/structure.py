@@ -162,11 +162,13 @@ def _form(value: object, known_forms: dict[int, _Form]) -> object:
                 part if type(part := values[name]) in _PLAIN else _form(part, known_forms)
                 for name in named.structure
             ]
-            for name in named.numbers:
-                number = values[name]
-                is_scalar = type(number) in _SCALARS or callable(number)
-                parts.append(() if is_scalar else _form_of_number(number))
-            form = known_forms[id(value)] = _Form((kind, *parts))
+            numbers = [
+                ()
+                if type(number := values[name]) in _SCALARS or callable(number)
+                else _form_of_number(number)
+                for name in named.numbers
+            ]
+            form = known_forms[id(value)] = _Form((kind, *parts, *numbers))
         return form
     if isinstance(value, list | tuple):
         kinds = {*map(type, value)}

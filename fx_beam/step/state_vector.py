@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import operator
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -25,6 +26,7 @@ from .model import Model, fact, sizes_of
 # An empty state, which is copied and filled to make others.
 _EMPTY = np.empty(0)
 _NOTHING = State(t=0.0, motors=_EMPTY, q=_EMPTY, v=_EMPTY, a=_EMPTY, slides=_EMPTY)
+_SCALARS_OF = operator.itemgetter(*NUMBERS)
 #: A copy of the memory, and of the numbers that go with it.
 StateCopy = tuple[np.ndarray, bytes]
 
@@ -85,6 +87,9 @@ class StateVector:
         # Numbers that go with the memory, in structs of C that follow each other, as bytes.
         first, stop = (ffi.offsetof("Work", name) for name in ("state", "run"))
         self._numbers = ffi.buffer(ffi.addressof(c.work, "state"), stop - first)
+        # Those of a `State` among them follow each other, in the order of `NUMBERS`.
+        place = ffi.offsetof("State", NUMBERS[0])
+        self._scalars = np.frombuffer(self._numbers, float, len(NUMBERS), place)
         # Ages, and divided differences of nodes (PAST, size) and of unknowns (PAST, free or 0).
         past, n = memory[places["past"]].reshape(self._most, -1), model.size
         self._past = self._ages[0], past[:, :n], past[:, n:]
@@ -105,8 +110,7 @@ class StateVector:
             self._driven[len(self._model.prescribed) :] = state.motors
         p.work.state.steps_done = state.constraint_forces is not None
         p.work.state.forces_found = state.joint_forces is not None
-        for name in NUMBERS:
-            setattr(p.work.state, name, values[name])
+        self._scalars[:] = _SCALARS_OF(values)
         if p.tables.scheme.keeps_previous and state.q_previous is None:
             self.arrays["q_previous"][:], p.work.state.length = state.q, 0.0
 
@@ -120,8 +124,7 @@ class StateVector:
         numbers = self._c.work.state
         names = self._readable[(numbers.steps_done > 0) * (1 + bool(numbers.forces_found))]
         values: dict[str, object] = {name: self.arrays[name].copy() for name in names}
-        for name in NUMBERS:
-            values[name] = getattr(numbers, name)
+        values.update(zip(NUMBERS, self._scalars.tolist(), strict=True))
         values["motors"] = self._driven[len(self._model.prescribed) :].copy()
         return _NOTHING.changed(**values)
 
