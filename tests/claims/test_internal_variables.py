@@ -128,7 +128,7 @@ def test_a_load_step_of_statics_is_the_time_of_the_update():
     scene, beam = cantilever(ZENER)
     scene.prescribe(beam.end, rotation=0.1)
     rows = fb.static(scene, load_steps=1).internal(beam, "dashpot")
-    (dashpot) = {round(x, 12) for x in rows[-1]}
+    (dashpot,) = {round(x, 12) for x in rows[-1]}
     assert dashpot == pytest.approx(0.1 * (1 / TAU) / (1 + 1 / TAU))
 
 
