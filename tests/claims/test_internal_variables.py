@@ -314,7 +314,7 @@ def test_pictures_and_files_for_paraview_show_the_variables(tmp_path):
     wanted = [*solution.internal(beam, NAME)[-1], *[0.0] * other.elements]
     assert values == pytest.approx(np.transpose([wanted] * 2), abs=1e-12)
     fb.plot.shapes(solution, tmp_path / "a.png", rows=[0, 30], colour="plastic curvature")
-    with pytest.raises(ValueError, match="'plastic curvature', or None"):
+    with pytest.raises(ValueError, match="'plastic curvature', values by their label, or None"):
         fb.plot.shapes(solution, tmp_path / "a.png", rows=[0, 30], colour="plastic strain")
 
 
