@@ -361,7 +361,8 @@ class MotionAnalysis(Analysis):
         """Measure the outputs of the scene, and record what they need."""
         record, last = self._record, self._options.record
         self._keys, self._measured = keys, (measured := self.measured)
-        if len(measured) == len(self.outputs):  # functions may read all
+        # Functions may read all, and a look at ropes on pulleys needs their forces.
+        if len(measured) == len(self.outputs) and not self._has_pulleys():
             record = recorded(record, last, measured)
         if record is not last:
             self._options = replace(self._options, record=record)
@@ -371,7 +372,9 @@ class MotionAnalysis(Analysis):
         """The outputs from the rows of a run; empty if these are not all, or places need a look."""
         options, model = self._options, run.prepared.model
         looks = self.parameters.scene.contacts or model.kinks.has_contact
-        looks = looks or len(self._measured) < len(self.outputs)  # functions of the solution
+        looks = (
+            looks or self._has_pulleys() or len(self._measured) < len(self.outputs)
+        )  # functions of the solution
         if looks or options.tolerance is not None or options.record.times is not None:
             return {}
         y = {}
@@ -380,6 +383,10 @@ class MotionAnalysis(Analysis):
                 return {}
             y[name] = rows
         return y
+
+    def _has_pulleys(self) -> bool:
+        """Whether a rope may leave a pulley."""
+        return any(line.kinds for line in self.parameters.scene.forces_between)
 
     def _start_of(self, scene: Scene) -> Solution | None:
         self.path = None

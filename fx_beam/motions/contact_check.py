@@ -66,25 +66,29 @@ def warn_of_places(solution: Solution, scene: Scene) -> None:
     warn_of_sharp_bends(solution)
     for line in scene.forces_between:
         if line.kinds:
-            _check_on_pulleys(solution, line)
+            motion, unknown = solution.joint(line), np.ones(len(solution.t))
+            force = motion.force if len(solution.line_forces) else unknown
+            name = "load factor" if solution.stats.static else "t ="
+            check_on_pulleys(line, solution.t, motion.wrap, force, name)
 
 
-def _check_on_pulleys(solution: Solution, rope: ForceBetween) -> None:
-    """StepError where a rope has left a pulley and pulls; slack ones are slack there too."""
-    motion = solution.joint(rope)
-    lifted = motion.wrap[:, 1:-1] < -_LIFTED
-    pulls = motion.force != 0 if len(solution.line_forces) else np.ones(len(lifted), bool)
-    bad = lifted & pulls[:, None]
+def check_on_pulleys(
+    rope: ForceBetween, t: np.ndarray, wrap: np.ndarray, force: np.ndarray, name: str = "t ="
+) -> None:
+    """StepError where a rope has left a pulley and pulls; slack ones are slack there too.
+
+    In rows of angles (n, points) and forces (n,) at times or load factors (n,).
+    """
+    bad = (wrap[:, 1:-1] < -_LIFTED) & (force != 0)[:, None]
     if not bad.any():
         return
     k, i = np.unravel_index(np.argmax(bad), bad.shape)
-    row_text = f"{'load factor' if solution.stats.static else 't ='} {solution.t[k]:.4g}"
     reason = (
-        f"{rope}: the rope leaves the pulley at point {i + 1} at {row_text}, where it would run "
-        "straight on. From there on its length, and the rows of error.solution, are not right"
+        f"{rope}: the rope leaves the pulley at point {i + 1} at {name} {t[k]:.4g}, where it would "
+        "run straight on. Its length and force are not right from there on"
     )
     advice = "End the run there by `until`, and go on with a rope without this pulley"
-    raise StepError(Failure("off the pulley", reason, float(solution.t[k]), "", advice))
+    raise StepError(Failure("off the pulley", reason, float(t[k]), "", advice))
 
 
 def warn_of_long_elements(solution: Solution, t: np.ndarray, q: np.ndarray) -> None:

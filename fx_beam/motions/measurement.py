@@ -12,7 +12,8 @@ from fx_beam.content_cache import cached_property
 from fx_beam.dual import floats
 from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import FORCES, State
-from fx_beam.scene.outputs import SECTION_FORCES, Measured, Output, is_section_force
+from fx_beam.scene.forces_between import ForceBetween
+from fx_beam.scene.outputs import SECTION_FORCES, Measured, Output, is_section_force, wraps
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.model import Model
@@ -133,6 +134,21 @@ def readings(
     model, turns = prepared.model, prepared.turn_counter
     read = {name: _reading(model, now, turns, measured) for name, measured in by_name.items()}
     return {name: section_readings.get(name) or read[name] for name in outputs}
+
+
+def rope_reading(
+    prepared: MotionSetup, now: Arrays, rope: ForceBetween
+) -> Callable[[], tuple[np.ndarray, np.ndarray]]:
+    """A function that gives angles (1, points) of a rope on its pulleys, and its force (1,)."""
+    read = readings(prepared, now, {"force": Output("force", rope)})["force"]
+    spans = prepared.model.points.spans_of(Measured(Output("length", rope)))
+
+    def angles_and_force() -> tuple[np.ndarray, np.ndarray]:
+        q, counted = now("q"), now("spring_internal")[spans]
+        angles = wraps(rope, lambda _, entries: q[None, entries], counted[None])
+        return angles, np.array([read()])
+
+    return angles_and_force
 
 
 def _reading(model: Model, array_of: Arrays, turns: TurnCounter, measured: Measured) -> Reading:

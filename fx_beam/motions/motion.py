@@ -29,8 +29,9 @@ from fx_beam.step.recorder import Mark, NullRecorder, Record, Recorder, Rows
 from fx_beam.step.step_inputs import HeldInputs, SingleInputs
 
 from . import motion_setup
+from .contact_check import check_on_pulleys
 from .evaluation import solution_of
-from .measurement import Instant, fitted_state, fitted_value, readings
+from .measurement import Instant, fitted_state, fitted_value, readings, rope_reading
 from .motion_setup import MOST_STEPS, MotionSetup, Options, TimeGrid, grid_from, prepare, state_of
 
 # Steps for whose rows room is made at once.
@@ -129,6 +130,9 @@ class OpenMotion:
         self._settled = False
         #: Arrays of the state in C by name.
         self.arrays = self._loop.state.arrays.__getitem__
+        ropes = [line for line in prepared.model.scene.forces_between if line.kinds]
+        # Functions that read force and angles of ropes over pulleys.
+        self._ropes = [(rope, rope_reading(prepared, self.arrays, rope)) for rope in ropes]
 
     def start_stepping(self, state: State, removed: np.ndarray, grid: TimeGrid) -> None:
         """Begin to step and to record from a state, in which full turns are missing."""
@@ -186,6 +190,8 @@ class OpenMotion:
         self._stepper.advance(np.array([t1]), number, recorder)
         if pushes is not None:
             self._push(None)
+        for rope, read in self._ropes:
+            check_on_pulleys(rope, np.array([t1]), *read())
         self.held.arrive()
         mark, end = recorder.end, None
         if start is not None:

@@ -290,10 +290,36 @@ def test_a_rope_that_leaves_its_pulley_and_pulls_ends_the_motion_with_a_sentence
         fb.static(scene)
 
 
+def test_a_motion_and_a_response_end_as_well_where_a_rope_leaves_its_pulley():
+    """The motion stays where the rope is on its pulley still."""
+    spring = fb.Spring(1.0, rest=2.0)
+    with pytest.raises(fb.StepError) as failed:
+        fb.simulate(lifted(spring=spring)[0], dt=0.01, t_end=1.0)
+    motion = fb.Motion(lifted(spring=spring)[0], dt=0.01)
+    with pytest.raises(fb.StepError, match="leaves the pulley at point 1 at t = 0.2"):
+        motion.run(1.0)
+    assert motion.t == pytest.approx(failed.value.time - 0.01)
+
+    def build(x):
+        scene, rope = lifted(spring=fb.Spring(x[0], rest=2.0))
+        return scene, {"place": fb.Output("position", scene.nodes[0])}
+
+    with pytest.raises(fb.StepError, match="leaves the pulley at point 1 at t = 0.2"):
+        fb.Response(build, dt=0.01, t_end=1.0)([1.0])
+
+
 def test_a_slack_rope_may_leave_its_pulley():
     scene, rope = lifted(spring=fb.Spring(1.0), length=4.0)
     motion = fb.simulate(scene, dt=0.01, t_end=0.5).joint(rope)
     assert motion.wrap[:, 1].min() < 0 and not motion.force.any()
+    steps = fb.Motion(scene, dt=0.01, outputs={"force": fb.Output("force", rope)})
+    assert steps.run(0.5)["force"] == 0
+
+    def build(x):
+        scene, rope = lifted(spring=fb.Spring(x[0]), length=4.0)
+        return scene, {"place": fb.Output("position", scene.nodes[0])}
+
+    assert len(fb.Response(build, dt=0.01, t_end=0.5)([1.0])[0]) == 51
 
 
 def test_what_is_no_pulley_is_refused():
