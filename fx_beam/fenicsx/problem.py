@@ -21,6 +21,7 @@ from fx_beam.errors import SceneError, positive, require, warn_once
 from fx_beam.fem.forms import StepForces
 from fx_beam.laws.interval import INSTANT, Interval
 from fx_beam.laws.schemes import Equilibrium as AtRest, Scheme
+from fx_beam.motions.contact_check import check_ropes
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.initial_state import Starts, drawn_state
 from fx_beam.motions.motion_setup import MotionSetup, Options, check_scene, grid_from, stats_of
@@ -302,6 +303,8 @@ class Problem(DolfinxSteps):
                 self._lose(lost)
                 if after is not None:
                     after(self)
+            result = solution()
+            check_ropes(result, self._equations.model.scene)
         except BaseException as error:
             prepared.stepper.return_to(recorder.end, recorder)
             stats.failure = failure_of(error, self.t)
@@ -309,7 +312,7 @@ class Problem(DolfinxSteps):
             raise
         warn_of_parts(stats, self.dt)
         warn_of_rounding(stats)
-        return solution()
+        return result
 
     def modes(self, n: int = 4) -> FieldModes:
         """Small undamped motions about the present state, as if it were at rest, by SLEPc.
@@ -635,8 +638,8 @@ class Equilibrium(DolfinxSteps):
                 loads = loads + last.added_forces
             end = replace(last, t=self._forcing.time, loads=loads, length=0.0)
             counts = {} if None in modes else {"unstable_modes": np.array(modes[: recorder.rows])}
-            result = solution_of(recorder, self._stats, lambda: end, stability=counts)
-            return rows.in_solution(result)
+            path = solution_of(recorder, self._stats, lambda: end, stability=counts)
+            return rows.in_solution(path)
 
         try:
             for step, factor in enumerate(factors):
@@ -646,6 +649,8 @@ class Equilibrium(DolfinxSteps):
                 self._lose(rows.follow(partial(update, self) if update and step else None))
                 if step and after is not None:
                     after(self)
+            result = solution()
+            check_ropes(result, self._equations.model.scene)
         except BaseException as error:
             self._stats.failure = failure_of(error, self.load_factor)
             if recorder.rows:
@@ -657,7 +662,7 @@ class Equilibrium(DolfinxSteps):
                 f"unstable: {modes[-1]} modes grow. Use fx_beam.static, which finds where the path "
                 "becomes unstable"
             )
-        return solution()
+        return result
 
     def unstable_modes(self) -> int | None:
         """Number of small motions that grow about the last equilibrium.

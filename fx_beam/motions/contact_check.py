@@ -55,7 +55,7 @@ _BENT, _ROWS = 0.5, 16
 
 
 def warn_of_places(solution: Solution, scene: Scene) -> None:
-    """Warn of contact where its forces say little; StepError for ropes that leave pulleys."""
+    """Warn of contact where its forces say little; StepError as of `check_ropes`."""
     _warn_of_depth(solution)
     _warn_of_bumps(solution)
     has_all_steps = len(solution.t) == solution.stats.steps + 1 > 2
@@ -64,6 +64,11 @@ def warn_of_places(solution: Solution, scene: Scene) -> None:
         _warn_of_hits_at_once(solution, scene)
         _warn_of_soft_landings(solution)
     warn_of_sharp_bends(solution)
+    check_ropes(solution, scene)
+
+
+def check_ropes(solution: Solution, scene: Scene) -> None:
+    """StepError for ropes that leave pulleys."""
     for line in scene.forces_between:
         if line.kinds:
             motion, unknown = solution.joint(line), np.ones(len(solution.t))

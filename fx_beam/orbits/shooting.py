@@ -15,6 +15,7 @@ from fx_beam.errors import SceneError, StepError, as_float, between, real, whole
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
 from fx_beam.motions import motion_setup
+from fx_beam.motions.contact_check import check_ropes
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.motion_setup import CommonOptions, MotionSetup, Options, check_scene, prepare
 from fx_beam.results.solution import Solution
@@ -428,7 +429,9 @@ class Shooting:
 
     def _solution_of(self, recorder: Recorder, end: State) -> Solution:
         stats = replace(self.prepared.stats, steps=self.steps)  # without those of the search
-        return solution_of(recorder, stats, lambda: end)
+        solution = solution_of(recorder, stats, lambda: end)
+        check_ropes(solution, self.model.scene)
+        return solution
 
     def depends_on_time(self, state: State, length: float) -> bool:
         """Whether loads, driven motions, parameters or natural strains change in a period."""

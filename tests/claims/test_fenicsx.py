@@ -828,6 +828,20 @@ def test_nodal_rules_of_a_user_are_those_of_the_engine():
     assert_same(solution, fb.simulate(scene, scheme, dt=DT, t_end=T_END), 1e-11)
 
 
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_rope_that_leaves_its_pulley_and_pulls_ends_the_run(moves):
+    scene, bar = clamped_bar((1, 0), SECTION, elements=1)
+    ball = scene.add_body((2, 0), 1.0, 0.1).centre
+    scene.fix(ball, "rotation")
+    pulley = fb.Pulley((1, -0.1), 0.2, "right")
+    scene.add_rope([(0, 0), pulley, ball], fb.Spring(1.0, rest=2.0))
+    scene.add_spring(ball, x=fb.Spring(1.0), y=fb.Spring(1.0))
+    scene.add_force(ball, (0.0, 2.0))
+    with pytest.raises(fb.StepError, match="leaves the pulley at point 1") as failed:
+        fenicsx.Problem(scene, dt=0.02).run(1.0) if moves else fenicsx.Equilibrium(scene).run(10)
+    assert failed.value.solution.q[-1, ball.number, 1] > 0.2
+
+
 def test_a_motion_goes_on_from_the_engine_and_in_it():
     scene, *_ = pair()
     whole = fb.simulate(scene, dt=DT, t_end=2 * T_END)

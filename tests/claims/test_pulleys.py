@@ -269,11 +269,11 @@ def test_a_drum_on_a_rope_is_a_torsion_spring_in_every_analysis():
 # -- What a rope cannot do -------------------------------------------------------------------------
 
 
-def lifted(**length):
+def lifted(speed=1.0, **length):
     scene, ball = held_body((2, 0.0), 1.0, 0.0, "rotation")
     points = [(0, 0), fb.Pulley((1, -0.1), 0.2, "right"), ball]
     rope = scene.add_rope(points, **length)
-    scene.set_velocity(ball, (0.0, 1.0))
+    scene.set_velocity(ball, (0.0, speed))
     return scene, rope
 
 
@@ -306,6 +306,18 @@ def test_a_motion_and_a_response_end_as_well_where_a_rope_leaves_its_pulley():
 
     with pytest.raises(fb.StepError, match="leaves the pulley at point 1 at t = 0.2"):
         fb.Response(build, dt=0.01, t_end=1.0)([1.0])
+
+
+def test_a_periodic_motion_is_not_shown_where_a_rope_leaves_its_pulley():
+    scene, _ = lifted(0.0, spring=fb.Spring(1.0, rest=2.0))
+    ball = scene.nodes[0]
+    scene.add_spring(ball, x=fb.Spring(9.0), y=[fb.Spring(5.0), fb.Damper(0.5)])
+    load = scene.add_force(ball, lambda t: (0.0, 0.1 * np.cos(t)))
+    assert abs(fb.periodic(scene, period=2 * np.pi).solution.q).max() < 0.1
+    scene.change(load, lambda t: (0.0, 2.0 * np.cos(t)))
+    motion = fb.periodic(scene, period=2 * np.pi)
+    with pytest.raises(fb.StepError, match="leaves the pulley"):
+        print(motion.solution)
 
 
 def test_a_slack_rope_may_leave_its_pulley():
