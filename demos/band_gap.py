@@ -1,4 +1,4 @@
-r"""A lattice that lets no waves through in a band of frequencies, which gradients put in its place.
+r"""A lattice that lets no waves through in a band of frequencies; gradients choose the band.
 
 A bar of cells carries arms with lumps at their ends. Above the frequency of the arms, waves along
 the bar do not pass: the arms move against it. Objective: the arms and lumps with the widest band
@@ -8,10 +8,10 @@ much less a finite bar then transmits there.
 Reference: a chain of masses $M$ on springs with resonators of mass $m$ and frequency $w$ lets no
 waves through between $w$ and $w \sqrt{1 + m/M}$ (Huang, Sun and Huang, Int. J. Eng. Sci. 47, 2009);
 of a free bar with $n$ cells $n$ frequencies are below the band, of which one is zero, and $n$
-above. An arm bends as its lump with 33/140 of its own mass (Rayleigh), and pushes the bar as the
-square of the lump with 3/8 of this mass over that sum. By symmetry the bar does not bend if arms
-point to both sides; one side is computed, with half of the bar. Units are metre, kilogram and
-second.
+above. An arm of the mass $m_a$ with a lump $m_l$ vibrates as the mass $m_l + \frac{33}{140} m_a$ at
+its end (Rayleigh), and pushes the bar as the mass $(m_l + \frac{3}{8} m_a)^2/(m_l + \frac{33}{140}
+m_a)$ does. By symmetry the bar does not bend if arms point to both sides; one side is computed,
+with half of the bar. Units are metre, kilogram and second.
 """
 
 import logging

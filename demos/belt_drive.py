@@ -1,9 +1,9 @@
 r"""Friction of a strip on a drum, and a belt that drives a pulley.
 
 A strip over half of a fixed drum is held at one end and pulled at the other, until it slips:
-Euler's law of the capstan. Then a belt runs over two equal pulleys. One is turned at a given rate,
-the other has a load that brakes it, and is pulled away by a constant force, which tightens the
-belt. The belt slips where it leaves a pulley. Elsewhere it sticks: at the tight side it has the
+Euler's law of the capstan. Then a belt runs over two equal pulleys. One pulley is turned at a given
+rate. A load brakes the other pulley, and a constant force pulls this pulley away, which tightens
+the belt. The belt slips where it leaves a pulley. Elsewhere it sticks: at the tight side it has the
 speed of the driving pulley, at the slack side that of the driven one. As it is longer under more
 tension, the driven pulley turns a little slower: it creeps.
 
@@ -16,14 +16,15 @@ driving and $w_2$ of the driven pulley, and slip over the angle $\varphi$ of a p
 - belt: $T_1 + T_2 = F$, $(T_1 - T_2) R = M$, $\varphi = \ln(T_1/T_2)/\mu$,
 - creep: $w_2/w_1 = (1 + T_2/EA)/(1 + T_1/EA)$.
 
-The arcs of slip come to those of the theory as four things that it leaves out become small:
+The arcs of slip approach those of the theory as four effects become small that the theory leaves
+out:
 
 - Nodes that come to a pulley vibrate on the springs of the contact. Where $\mu$ times the normal
   force swells faster than $k$ times the speed of slip, with the stiffness $k$ of the friction that
   sticks, a node sticks for some steps of its arc of slip. Without a loss in the contact this goes
   on: friction is at 0.95 to 0.98 of its limit on average, but a quarter of the rows count as stick.
   On the driver axial retardation of the belt makes this vibration larger, on the driven pulley it
-  does not. This was seen, not derived.
+  does not. We saw this in runs, and did not derive it.
 - Friction is at its limit after a slip of $\mu N/k$: the arc lacks about $\sqrt{2 EA/(k R^2)}$,
   11.5 degrees with $k$ = 1e7 N/m², 3.6 with 1e8.
 - A belt with bending stiffness leaves a pulley over the length $\sqrt{EI/T}$: 5.5 degrees at the
@@ -31,8 +32,8 @@ The arcs of slip come to those of the theory as four things that it leaves out b
 - The belt lies $T/(R k_n)$ deep in the contact, which makes the creep larger by
   $(T_1 - T_2)/(R^2 k_n)$: 1.8e-4 with $k_n$ = 1e7 N/m², 1.8e-5 with 1e8.
 
-Arcs [degrees] of driver and driven pulley, and by the tensions, for the axial retardation $\tau$,
-with the restitution 0.3 but in the first row:
+Arcs [degrees] of the driver, of the driven pulley, and from the tensions, for the axial retardation
+$\tau$, with the restitution 0.3 but in the first row:
 
 ```text
 k = 1e7, tau = 2e-3 s, EI = 1e-3      84, 103, 110    no loss in the contact

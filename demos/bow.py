@@ -3,13 +3,13 @@ r"""A bow that is strung, drawn and released, and the arrow that it shoots.
 The limbs of a bow are straight without the string, which is shorter than they are and bends them:
 this is its prestress. Here the bow is built in the bent shape, as arcs of a circle and a straight
 string, and the limbs have the natural curvature that would make them straight. `static` finds the
-strung bow, then the drawn one: the arrow pulls the string back, against which it is held by a stop
-that only pushes. Then the arrow is let go, and leaves the string by itself.
+strung bow, then the drawn one: the arrow pulls the string back, and a stop that only pushes holds
+the arrow on the string. Then the arrow is let go, and leaves the string by itself.
 
 Objective: the draw curve, compared with the theory of the elastica; the work of the draw, which is
 the area under this curve; and the energy that the arrow takes. For arrows of 10, 20 and 40 g the
-limbs keep some of it, and the heavier arrow takes more. With limbs and a string that weigh a
-hundredth, it takes all of it: $\frac{1}{2} m v^2$ is the work of the draw.
+limbs keep a part of this work, and a heavier arrow takes more. If limbs and string weigh a
+hundredth, the arrow takes all of the work: $\frac{1}{2} m v^2$ is the work of the draw.
 
 The elastica of a limb, clamped at $s = 0$, straight without load, of bending stiffness $EI(s)$,
 with the force $F$ of the string at its tip, has the inclination $\theta$ and the moment $M$ of

@@ -3,7 +3,7 @@ r"""A capstan: friction holds a rope that is wound around a fixed drum.
 A thin rope lies on a fixed drum over an angle $\varphi$. A constant force $T_2$ tightens its left
 end while the other one is held; then that end is pulled slowly, until the whole rope slides.
 Objective: the force $T_1$ of the pull, which is $T_2 \exp(\mu\varphi)$ while the rope slides (Euler
-1769, Eytelwein 1808), and the tension along the rope before.
+1769, Eytelwein 1808), and the tension along the rope before it slides.
 
 While $T_2$ is raised the rope creeps to the left everywhere, and the held end carries
 $T_2 \exp(-\mu\varphi)$. Then a part of the rope at the pulled end slides to the right, where the

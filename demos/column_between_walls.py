@@ -10,7 +10,7 @@ $k^2 = P/EI$ and $P_1 = \pi^2 EI/L^2$. From $P_1$ to $4 P_1$ the force on the wa
 
 $$ F = \frac{-2 P k h \cos(kL/2)}{\sin(kL/2) - \frac{1}{2} kL \cos(kL/2)}. $$
 
-Above it is $F = 2 P k h/\pi$, and the flat length is $L - 2 \pi/k$.
+Above $4 P_1$ the force is $F = 2 P k h/\pi$, and the flat length is $L - 2 \pi/k$.
 
 At $4 P_1$ the bending moment of the middle, which touches, has fallen to zero. While the column is
 flat, half of the force acts at each end of the flat part. At $16 P_1$ the flat part would buckle
@@ -19,7 +19,7 @@ itself.
 A weak line load in the place of an imperfection leads the column to one side. Between $P_1$ and the
 wall the deflection grows at a nearly constant load, so that the path is followed with an unknown
 load factor. The walls are stiff springs along the column. They spread the forces at the ends of the
-flat part over a length of about $(EI/\text{stiffness})^{1/4}$; its ends are taken as the mean
+flat part over a length of about $(EI/\text{stiffness})^{1/4}$; the ends are taken as the mean
 places of the force on either half. What differs from the theory for small deflections falls with
 $h^2$.
 """

@@ -1,9 +1,9 @@
 r"""A beam that is damaged where it bends: stiffness by a field of one's own, in dolfinx.
 
-A strip is bent to an arc by turning its end, and let back. Where it has been bent most, it has lost
-stiffness for good. Objective: a law of damage with a threshold, written with a Function on the mesh
-of dolfinx. Its moment and loss of energy are held against the closed form. Then a force at the end
-damages the strip near its clamp alone, against the elastica of the same law by an ODE.
+A strip is bent to an arc by turning its end, and turned back. Where it has been bent most, it has
+lost stiffness for good. Objective: a law of damage with a threshold, written with a Function on the
+mesh of dolfinx. Its moment and loss of energy are held against the closed form. Then a force at the
+end damages the strip near its clamp alone, against the elastica of the same law by an ODE.
 
 With the largest curvature $K$ so far, $D$ is the damage, as in Mazars' law for one strain (Mazars
 1986, doi 10.1016/0013-7944(86)90034-6):
@@ -13,10 +13,10 @@ $$ M = (1 - D)\,EI \kappa, \qquad D = A\,(1 - \exp(-B (K - K_0))) $$
 for $K > K_0$, else $D = 0$.
 
 Under a couple, $M$ and $\kappa = \alpha/L$ are the same all along, $\alpha$ being the angle of the
-end: the moment is $M(\alpha/L)$, on the way back $(1 - D)\,EI \alpha/L$. Lost is the area between
-both over $\alpha$. Under a force $P$ across the end, $\psi' = \kappa(M)$ with $M = P\,(x(L) - x)$
-and $x' = \cos\psi$. $A$ and $B$ are such that $M$ rises with $\kappa$: where it falls, all damage
-gathers in one element, and results hang on the mesh.
+end: the moment is $M(\alpha/L)$, on the way back $(1 - D)\,EI \alpha/L$. The lost energy is the
+area between both moments over $\alpha$. Under a force $P$ across the end, $\psi' = \kappa(M)$ with
+$M = P\,(x(L) - x)$ and $x' = \cos\psi$. $A$ and $B$ are such that $M$ rises with $\kappa$: where it
+falls, all damage gathers in one element, and results depend on the mesh.
 
 Units are metre, newton and second.
 """

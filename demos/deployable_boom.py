@@ -2,8 +2,8 @@ r"""A folded boom that springs open on a free satellite, with a latch in each hi
 
 Three panels are folded against each other, and joined to a satellite and to each other by hinges
 with springs. They are let go. Each hinge latches as soon as its panel is in line with the one
-before. Objective: the times of the latches, what each of them takes from the motion, and the
-invariants: nothing acts on the satellite, so its momenta and the balance of energy hold.
+before. Objective: the times of the latches, the energy that each latch takes from the motion, and
+the invariants: nothing acts on the satellite, so its momenta and the balance of energy hold.
 
 Each hinge has an `fx_beam.Latch`: where the angle reaches it, a step ends, the hinge is locked, and
 the motion goes on with velocities that are projected by the mass matrix $M$; an impact takes the
@@ -22,7 +22,7 @@ References, exact for rigid panels:
   impacts add up to the energy of all springs.
 
 Flexible panels keep nearly all of this energy as a vibration of the boom, which the damping of the
-material takes: in a latch only the nodes at the hinge lose theirs. Units are metre, kilogram and
+material takes: a latch takes energy only from the nodes at its hinge. Units are metre, kilogram and
 second.
 """
 

@@ -20,8 +20,8 @@ degree 7, with 8 numbers $c$, so that the angle has degree 9. For each $T$ the n
 mean square of the distance of the tip from its goal in a window after $T$. `Response.vjp` gives the
 gradient, from the motion that has just been computed. The interval between a $T$ that fails and one
 that succeeds is bisected; a minimum that fails may be a local one. The usual polynomial of degree 5
-for the angle, without speed and acceleration at both ends, has only its time $T$. A rigid arm needs
-the time $2 \sqrt{\pi/(2 a_\mathrm{max})}$. Units are metre, kilogram and second.
+for the angle, without speed and acceleration at both ends, has only one number, the time $T$. A
+rigid arm needs the time $2 \sqrt{\pi/(2 a_\mathrm{max})}$. Units are metre, kilogram and second.
 """
 
 import logging

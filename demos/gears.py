@@ -3,15 +3,15 @@ r"""Two gears that touch with the flanks of their teeth.
 A pinion with 18 teeth drives a wheel with 27 against a brake. The outlines of both are closed beams
 whose nodes are fixed to bodies, so that the pair has one unknown besides the motor's angle.
 Objective: how closely contact of two outlines, and nothing else, keeps the ratio of a pair of gears
-with involute teeth, and what it does at the change of the direction.
+with involute teeth, and what happens when the direction changes.
 
 Reference: the law of gearing. Flanks that are involutes of the base circles touch on a line that is
 common to both circles, and transmit the speed with the constant ratio $z_1/z_2$, at any distance of
 the axes. With a distance that is larger by $d$ than the sum of the pitch circles, the play between
 the flanks, at the pressure angle $\alpha$, is $2 d \tan\alpha$ along the pitch circle, less the
-skins of both outlines: when the motor turns back, the wheel stands still until it is passed. Points
-on the involutes, with lines between them, and the round corners of the outline, are errors that go
-down with their number. Units are metre, kilogram and second.
+skins of both outlines: when the motor turns back, the wheel stands still until the play is passed.
+The outline has points on the involutes, with lines between the points, and round corners: its
+errors fall with the number of points. Units are metre, kilogram and second.
 """
 
 import logging

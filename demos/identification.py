@@ -20,8 +20,8 @@ differences of motions, one for each number. Where the noise is small, $(J^T J)^
 covariance of $z$.
 
 A short time is fitted first: $\chi^2$ of a long motion has many minima, as vibrations come out of
-step. Of this small scene seven directions of $J$ take as long as differences; they need no choice
-of a step, and are exact. Units are metre, kilogram and second.
+step. In this small scene $J$ takes as long as seven differences of motions; $J$ needs no choice of
+a step, and is exact. Units are metre, kilogram and second.
 """
 
 import logging

@@ -2,8 +2,8 @@ r"""Lattice impact: a wave through 20 200 struts.
 
 A free square lattice of 100 x 100 cells, one element a strut, is hit in the middle of its left
 side. Objective: a large frame; the energy and the momentum of a transient motion; the energy of
-each strut. The wave stretches the rows, and bends the struts between them, through which
-it reaches other rows. These are soft in bending, but have about half of the strain energy.
+each strut. The wave stretches the rows, and bends the struts between them, through which it reaches
+other rows. The bent struts are soft, but have about half of the strain energy.
 
 Reference, by hand: a bar alone carries axial waves at $c = \sqrt{EA/\rho A}$. In a row of the
 lattice the nodes also carry the struts across it, at the same mass per node, while the stiffness is
@@ -11,7 +11,7 @@ that of the row: long waves run at
 
 $$ c_\mathrm{row} = \sqrt{\frac{EA}{2 \rho A}} = \frac{c}{\sqrt{2}}, $$
 
-and nothing that is much longer than a strut is faster. The blow is a force $F \sin^2(\pi t/T)$
+and no wave that is much longer than a strut is faster. The blow is a force $F \sin^2(\pi t/T)$
 along the rows, whose impulse $F T/2$ is the momentum of the lattice from then on. Scene and blow
 are mirror images of themselves about the row in the middle, and so is the motion.
 """

@@ -17,13 +17,13 @@ with the limit point $l^3 = L w^2$, where $F_\mathrm{max} = EA\,(1 - (w/L)^{2/3}
 At $F = 0$ a cell is in its upper or lower state, or flat and unstable: the barrier between both is
 the energy $EA (L - w)^2/(2 L)$ of the flat bar.
 
-No two cells are at their limit points at once, so only one at a time passes its own: the weakest
-one that carries the load at that moment. The path counts in binary numbers: the first cell snaps;
-it snaps back, and the second one has snapped; the first one snaps again; both snap back, and the
-third one has snapped. So the path visits all $2^3$ states that are stable without load. A dead load
-and a prescribed displacement lead along this same path, but not the same parts are stable: under a
-displacement the force may fall. Where the path turns back in the displacement, a cell jumps all the
-same.
+No two cells are at their limit points at once, so only one cell at a time passes its limit point:
+the weakest one that carries the load at that moment. The path counts in binary numbers: the first
+cell snaps; it snaps back, and the second one has snapped; the first one snaps again; both snap
+back, and the third one has snapped. So the path visits all $2^3$ states that are stable without
+load. A dead load and a prescribed displacement lead along this same path, but not the same parts
+are stable: under a displacement the force may fall. Where the path turns back in the displacement,
+a cell jumps all the same.
 """
 
 import logging

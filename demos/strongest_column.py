@@ -2,13 +2,13 @@ r"""The shape of the strongest column of a given volume, between two pins.
 
 The areas of a column are chosen for the highest buckling load. Bending stiffness grows with the
 square of the area, as that of a cross-section that grows in both directions. Objective: how closely
-gradients of critical loads find the best shape, and what it carries once it has buckled.
+gradients of critical loads find the best shape, and what the column carries once it has buckled.
 
-Reference: Keller, "The shape of the strongest column" (Arch. Rat. Mech. Anal. 5, 1960): it carries
-4/3 of what the uniform column does. With the angle $\theta$ from 0 to $\pi$ along the column,
-$s = (\theta - \frac{1}{2} \sin 2\theta)/\pi$ and $A = \frac{4}{3} \sin^2\theta$. Areas are numbers
-at equal distances, with lines between them. Units: length, volume and the uniform column's $EI$ are
-1.
+Reference: Keller, "The shape of the strongest column" (Arch. Rat. Mech. Anal. 5, 1960): the best
+shape carries 4/3 of the load of the uniform column. With the angle $\theta$ from 0 to $\pi$ along
+the column, $s = (\theta - \frac{1}{2} \sin 2\theta)/\pi$ and $A = \frac{4}{3} \sin^2\theta$. Areas
+are numbers at equal distances, with lines between them. Units: length, volume and the uniform
+column's $EI$ are 1.
 """
 
 import logging

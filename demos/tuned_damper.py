@@ -2,8 +2,8 @@
 
 A tube of steel, clamped at its foot, is shaken by a harmonic force at its tip, where a body hangs
 on a spring and a damper. Objective: how high the peaks of the amplitude are with the damper of the
-textbook and with that which gradients find, first for a rigid mass on a spring, whose best damper
-is known exactly, then for the mast.
+textbook and with the damper that gradients find, first for a rigid mass on a spring, whose best
+damper is known exactly, then for the mast.
 
 Reference: for a mass on a spring, without damping, Den Hartog's rules make the two points equally
 high through which the curves of all dampers pass. The least height of the highest peak, and its

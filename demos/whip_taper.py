@@ -27,9 +27,8 @@ linear taper. At a maximum the gain
 $$ g_i = \frac{\mathrm{d}V}{\mathrm{d}h_i} - G $$
 
 of an element at a given mass is zero, or negative where its height is the least. $G$ is the mean of
-all $\mathrm{d}V/\mathrm{d}h_j$ with the weights $q_j$. There may be other maxima. Most of the time
-for a gradient goes into the sections of the elements with their slopes, as this short motion has
-few steps. Units are metre, kilogram and second.
+all $\mathrm{d}V/\mathrm{d}h_j$ with the weights $q_j$. There may be other maxima. Units are metre,
+kilogram and second.
 """
 
 from dataclasses import replace
