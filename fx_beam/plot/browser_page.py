@@ -138,7 +138,9 @@ def _data(drawing: Drawing, traced: Sequence[Node]) -> dict[str, object]:
     return {
         "unit": drawing.unit,
         "members": MEMBERS,
-        "themes": {name: theme._asdict() for name, theme in THEMES.items()},
+        "themes": {
+            name: theme._asdict() | {"scales": _scales(name)} for name, theme in THEMES.items()
+        },
         "static": solution.stats.static,
         "t": solution.t[drawing.rows],
         "clock": [factor, _plain(unit)],
@@ -238,17 +240,20 @@ def _known(solution: Solution) -> list[str]:
     return names + sorted({*itertools.chain(*solution.variables_of_beam.values())})
 
 
+def _scales(theme: str) -> list[list[str]]:
+    """Colours of quantities without a sign, and with one."""
+    scales = symbols.SEQUENTIAL[theme], symbols.SIGNED
+    return [symbols.hexadecimal(scale, _SHADES) for scale in scales]
+
+
 def _quantity(drawing: Drawing, name: str, values: np.ndarray) -> dict[str, object]:
     values = values.reshape(len(drawing.rows), -1)
     largest = float(abs(values).max()) or 1.0
-    signed = symbols.is_signed(name)
-    scale = symbols.SIGNED if signed else symbols.SEQUENTIAL["light"]
     return {
         "name": symbols.WORDS.get(name, name).replace("$", ""),
         "unit": symbols.unit_of(name, drawing.unit),
         "largest": largest,
-        "signed": signed,
-        "colours": symbols.hexadecimal(scale, _SHADES),
+        "signed": symbols.is_signed(name),
         "values": _whole(values / largest, np.int16),
     }
 
