@@ -12,6 +12,7 @@ from hypothesis import settings
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE / "core")]
+os.umask(0o022)  # folders that a group may write are no caches, and are tested on purpose alone
 # Also for the processes that tests start. What it compiles is not for users: the cache is another.
 os.environ["CC"] = str(HERE / "quick_cc")
 _cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute()

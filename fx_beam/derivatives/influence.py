@@ -40,7 +40,7 @@ class InfluenceLines(NamedTuple):
     --------
     >>> import numpy as np, fx_beam as fb
     >>> lines = fb.InfluenceLines(np.array([0.0, 1.0, 2.0]), {"M": np.array([0.0, 0.5, 0.0])})
-    >>> lines.s[lines.values["M"].argmax()]
+    >>> print(lines.s[lines.values["M"].argmax()])
     1.0
     """
 
@@ -99,8 +99,8 @@ def influence(
     >>> scene.fix(beam.end, "y")
     >>> lines = fb.influence(scene, {"M": fb.Output("M", beam.at(4.0))}, beam)
     >>> place = abs(lines.values["M"]).argmax()
-    >>> round(lines.s[place], 6), abs(lines.values["M"][place]).round(6)
-    (4.0, 2.0)
+    >>> print(lines.s[place].round(6), abs(lines.values["M"][place]).round(6))
+    4.0 2.0
     """
     check_scene(scene, "influence")
     check_linear(scene, outputs, "influence")

@@ -179,7 +179,7 @@ def _reading(model: Model, array_of: Arrays, turns: TurnCounter, measured: Measu
 
     def read() -> Any:
         value = measured.values(read_now, counted())
-        return float(value) if is_single else value
+        return np.asarray(value).item() if is_single else value
 
     return read
 
