@@ -372,9 +372,8 @@ class MotionAnalysis(Analysis):
         """The outputs from the rows of a run; empty if these are not all, or places need a look."""
         options, model = self._options, run.prepared.model
         looks = self.parameters.scene.contacts or model.kinks.has_contact
-        looks = (
-            looks or self._has_pulleys() or len(self._measured) < len(self.outputs)
-        )  # functions of the solution
+        looks = looks or self._has_pulleys()
+        looks = looks or len(self._measured) < len(self.outputs)  # functions of the solution
         if looks or options.tolerance is not None or options.record.times is not None:
             return {}
         y = {}
@@ -386,7 +385,7 @@ class MotionAnalysis(Analysis):
 
     def _has_pulleys(self) -> bool:
         """Whether a rope may leave a pulley."""
-        return any(line.kinds for line in self.parameters.scene.forces_between)
+        return any(line.has_pulleys for line in self.parameters.scene.forces_between)
 
     def _start_of(self, scene: Scene) -> Solution | None:
         self.path = None

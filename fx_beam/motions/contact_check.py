@@ -68,29 +68,30 @@ def warn_of_places(solution: Solution, scene: Scene) -> None:
 
 
 def check_ropes(solution: Solution, scene: Scene) -> None:
-    """StepError for ropes that leave pulleys."""
+    """StepError for ropes that leave pulleys; where no forces are recorded all ropes may pull."""
     for line in scene.forces_between:
-        if line.kinds:
+        if line.has_pulleys:
             motion, unknown = solution.joint(line), np.ones(len(solution.t))
             force = motion.force if len(solution.line_forces) else unknown
-            name = "load factor" if solution.stats.static else "t ="
-            check_on_pulleys(line, solution.t, motion.wrap, force, name)
+            row_name = "load factor" if solution.stats.static else "t ="
+            check_on_pulleys(line, solution.t, motion.wrap, force, row_name)
 
 
 def check_on_pulleys(
-    rope: ForceBetween, t: np.ndarray, wrap: np.ndarray, force: np.ndarray, name: str = "t ="
+    rope: ForceBetween, t: np.ndarray, wrap: np.ndarray, force: np.ndarray, row_name: str = "t ="
 ) -> None:
     """StepError where a rope has left a pulley and pulls; slack ones are slack there too.
 
-    In rows of angles (n, points) and forces (n,) at times or load factors (n,).
+    In rows of angles (n, points) and forces (n,) at times or load factors t (n,), as the row name
+    says.
     """
     bad = (wrap[:, 1:-1] < -_LIFTED) & (force != 0)[:, None]
     if not bad.any():
         return
     k, i = np.unravel_index(np.argmax(bad), bad.shape)
     reason = (
-        f"{rope}: the rope leaves the pulley at point {i + 1} at {name} {t[k]:.4g}, where it would "
-        "run straight on. Its length and force are not right from there on"
+        f"{rope}: the rope leaves the pulley at point {i + 1} at {row_name} {t[k]:.4g}, where it "
+        "would run straight on. Its length and force are not right from there on"
     )
     advice = "End the run there by `until`, and go on with a rope without this pulley"
     raise StepError(Failure("off the pulley", reason, float(t[k]), "", advice))

@@ -130,8 +130,8 @@ class OpenMotion:
         self._settled = False
         #: Arrays of the state in C by name.
         self.arrays = self._loop.state.arrays.__getitem__
-        ropes = [line for line in prepared.model.scene.forces_between if line.kinds]
-        # Functions that read force and angles of ropes over pulleys.
+        ropes = [line for line in prepared.model.scene.forces_between if line.has_pulleys]
+        # Ropes over pulleys, with functions that read their angles and force.
         self._ropes = [(rope, rope_reading(prepared, self.arrays, rope)) for rope in ropes]
 
     def start_stepping(self, state: State, removed: np.ndarray, grid: TimeGrid) -> None:

@@ -91,6 +91,11 @@ class ForceBetween:
     #: Kinds of the points of a rope over pulleys; empty for others.
     kinds: ClassVar[str] = ""
 
+    @property
+    def has_pulleys(self) -> bool:
+        """Whether it is a rope over pulleys between its ends, which it may leave."""
+        return any(kind in "NF" for kind in self.kinds[1:-1])
+
     def __repr__(self):
         return f"<{self}>"
 
