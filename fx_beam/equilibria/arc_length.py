@@ -238,7 +238,8 @@ class ArcLength:
         if turn > _REJECTED * target:
             D = new.q - state.q
             corner = corner_in(self._path, D, new.t - state.t, tangent, ahead)
-            if corner is None or corner.last > _NEAR * ds or ahead.sense != tangent.sense:
+            known = corner is not None and corner.last <= _NEAR * ds
+            if not known or ahead.sense != tangent.sense or self.stepper.is_singular(new, state):
                 raise StepFailed("off the path", "the path deviates too far from its tangent", D)
             turn = target  # the path has a corner at the end of the step
         if home and (last := self._last_row(home, state, tangent, ds, new)):
@@ -459,6 +460,8 @@ class PathFollowing:
         self._cuts, self._least_length = 0, 0.0
         #: Distance of a corner in the step that has failed.
         self._corner: float | None = None
+        #: The state before the last one that was replaced.
+        self._before_replaced: State | None = None
 
     def run(self) -> None:
         """Append the states."""
@@ -471,20 +474,24 @@ class PathFollowing:
             tangent, length = self._start
         self._arc.rising = 1.0 if tangent.load >= 0 else -1.0
         steps = self._steps(tangent, length)
-        replaced = None
         while not self._ends:
             try:
                 next(steps)
             except StepError as error:
-                states, failed = self._states, isinstance(error.__cause__, StepFailed)
-                may_be_replaced = len(states) > 2 and states[-2] is not replaced
-                if not (failed and may_be_replaced) or self._stats.limit_points:
+                if not (isinstance(error.__cause__, StepFailed) and self._may_be_replaced):
                     raise
-                replaced, self._cuts = states[-2], 0
-                steps = self._steps(*self._before(states.pop()))
+                self._before_replaced, self._cuts = self._states[-2], 0
+                steps = self._steps(*self._before(self._states.pop()))
 
     def _steps(self, tangent: Tangent, length: float) -> Iterator[object]:
         return follow(tangent, length, self._advance, self._shorter, (StepFailed, _TooLong))
+
+    @property
+    def _may_be_replaced(self) -> bool:
+        """Whether the last state may be replaced by one at another distance from the one before."""
+        states, fewest = self._states, 2 if self._start is None else 3
+        is_new = len(states) >= fewest and states[-2] is not self._before_replaced
+        return is_new and not self._stats.limit_points
 
     def _before(self, state: State) -> tuple[Tangent, float]:
         """Tangent and length of a step from the last state, not as far as to another one.
@@ -561,7 +568,11 @@ class PathFollowing:
             self._least_length = 0.0
             return failure.length
         assert isinstance(failure, StepFailed)
-        if self._cuts == self._options.max_cuts:
+        states, lost = self._states, self._cuts == self._options.max_cuts
+        if not self._cuts and self._may_be_replaced:
+            # From a bifurcation a shorter step would go along a branch.
+            lost = lost or self._stepper.is_singular(states[-1], states[-2])
+        if lost:
             raise self._arc.error(self._states[-1], failure) from failure
         self._cuts, self._stats.halvings = self._cuts + 1, self._stats.halvings + 1
         if self._corner is not None and not self._least_length:

@@ -588,7 +588,7 @@ FAILURES = StepFailed, RuntimeError, ValueError
 # rounding errors, relative to stiffness times the size of the scene. The part of the loads by which
 # it is found.
 _OF_PARTS, _OF_FORCES, _ROUNDING, _PART_OF_LOADS = 1e-7, 1e-9, 2e-16, 0.5
-# Eigenvalue at the start of a step that vanishes, relative to that at its end.
+# Eigenvalue that vanishes, relative to that of a state beside it.
 _VANISHES = 1e-4
 # Modes that one point has at most, as a rule.
 _AT_ONE_POINT = 2
@@ -629,17 +629,15 @@ class Crossings:
             raise StepFailed("off the path", reason, new.q - old.q)
         self._seen[id(new)] = old, new, crossings
 
-    def check_turn(self, old: State, new: State) -> None:
-        """StepFailed if a step starts at a bifurcation, where round-off leads it off the path."""
-        motions, is_turn = self.motions, False
+    def is_singular(self, state: State, neighbour: State) -> bool:
+        """Whether the lowest eigenvalue of a state vanishes, beside that of its neighbour."""
+        motions = self.motions
         with suppress(*FAILURES):
-            tangents = [motions.stiffness(state) for state in (old, new)]
+            tangents = [motions.stiffness(each) for each in (state, neighbour)]
             if all(map(motions.symmetric, tangents)):
-                first, last = (abs(motions.lowest(K, 1)[0][0]) for K in tangents)
-                is_turn = first < _VANISHES * last
-        if is_turn:
-            reason = "it starts at a bifurcation, where round-off leads it on"
-            raise StepFailed("off the path", reason, new.q - old.q)
+                lowest, size = (abs(motions.lowest(K, 1)[0][0]) for K in tangents)
+                return bool(lowest < _VANISHES * size)
+        return False
 
     def _is_too_long(self, end: State, count: int) -> bool:
         """Whether a step from a stable state passes more modes than one point, or two that bend."""

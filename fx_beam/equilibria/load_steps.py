@@ -177,8 +177,9 @@ _SHORT, _ON_PATH = 0.2, 1.0
 _SHORT_OTHER, _ON_PATH_OTHER = 0.1, 0.7
 # Deviation of an easy step from its predictor.
 EASY_DEVIATION = 0.25
-# Growth of the displacement per load, from step to step, at which a step may turn off its path.
-_TURN = 100.0
+# Growth of the displacement per load, from step to step, at which a step may turn off its path, as
+# it may if it deviates from its predictor.
+_TURN = 2.0
 
 
 class LoadStepper:
@@ -204,8 +205,8 @@ class LoadStepper:
         #: Raises StepFailed for two states between which no step of the path can be, beside a
         #: number of limit points.
         self.check: Callable[[State, State, int], None] = lambda old, new, limits: None
-        #: The same for a step whose displacement per load is far larger than that of the last one.
-        self.check_turn: Callable[[State, State], None] = lambda old, new: None
+        #: Whether the tangent of a state is singular, beside that of a neighbour.
+        self.is_singular: Callable[[State, State], bool] = lambda state, neighbour: False
 
     def residual(self, state: State, factor: float) -> np.ndarray:
         """Forces (free,) that hold a state at a load factor."""
@@ -242,8 +243,12 @@ class LoadStepper:
         self._check_path(state, new, step, len(response) == 2 and response[1] > response[0])
         if interval.length:
             self.check(state, new, 0)
-            if len(response) == 2 and response[1] > _TURN * self.response[-1]:
-                self.check_turn(state, new)
+            turns = len(response) == 2 and (
+                self.deviation > EASY_DEVIATION or response[1] > _TURN * self.response[-1]
+            )
+            if turns and self.is_singular(state, new):
+                reason = "it starts at a bifurcation, where round-off leads it on"
+                raise StepFailed("off the path", reason, step.D)
         self.response = response
         return new
 
@@ -261,6 +266,11 @@ class LoadStepper:
             except StepFailed:
                 return step.predicted
         return length * self._slope[1]
+
+    @property
+    def softens(self) -> bool:
+        """Whether the displacement per load has grown as it does before a limit point."""
+        return len(self.response) == 2 and self.response[1] > _SOFTENING * self.response[0]
 
     def note(self, step: StepSolution) -> None:
         """Keep the deviation of a step from its predictor, and its number of corrections."""
@@ -338,9 +348,9 @@ def raise_load(stepper: LoadStepper, states: list[State]) -> None:
             states.append(stepper.step(states[-1], goal))
         except StepFailed as failure:
             if stride == 1:
-                place = min(end + 1, count)
-                if not _stepped_over(stepper, states, place / count):
+                if (reached := _stepped_over(stepper, states, end, count)) is None:
                     raise _error(stepper, states[-1], goal, failure) from failure
+                place = reached
                 continue
             stepper.stats.halvings += 1
             stride //= 2
@@ -351,19 +361,27 @@ def raise_load(stepper: LoadStepper, states: list[State]) -> None:
             stride *= 2
 
 
-def _stepped_over(stepper: LoadStepper, states: list[State], goal: float) -> bool:
-    """Whether a step from the last state but one to a goal replaces the last one.
+def _stepped_over(stepper: LoadStepper, states: list[State], place: int, count: int) -> int | None:
+    """Place that a step over a bifurcation reaches, in the stead of the last states; or None.
 
-    A state at a bifurcation has no definite tangent from which to go on.
+    The nearer to it a step starts and ends, the larger is round-off: it is taken longer, if it is
+    no limit point.
     """
-    if len(states) < 2:
-        return False
-    stepper.hold_between(states[-2].t, goal)
-    try:
-        states[-2:] = states[-2], stepper.step(states[-2], goal)
-    except StepFailed:
-        return False
-    return True
+    first, reach = len(states) - 2, 1
+    while first >= 0 and reach <= 2**stepper.options.max_cuts:
+        goal = min(place + reach, count)
+        stepper.may_be_cut = reach > 1
+        stepper.hold_between(states[first].t, goal / count)
+        try:
+            states[first + 1 :] = [stepper.step(states[first], goal / count)]
+            return goal
+        except StepFailed:
+            if stepper.softens:
+                break
+        reach *= 2
+        while first > 0 and states[first].t * count > place - reach:
+            first -= 1
+    return None
 
 
 def _error(stepper: LoadStepper, state: State, goal: float, failure: StepFailed) -> StepError:
@@ -373,7 +391,7 @@ def _error(stepper: LoadStepper, state: State, goal: float, failure: StepFailed)
         'If the path has a limit point there, use continuation="arc-length". Otherwise try '
         "more steps or cuts (max_cuts), and check the units of loads and stiffnesses"
     )
-    if len(response) == 2 and response[1] > _SOFTENING * response[0]:
+    if stepper.softens:
         advice = (
             f"The displacement per load is {response[1] / response[0]:.3g} times that of the first "
             'step, which indicates a limit point. Use continuation="arc-length" to pass it'

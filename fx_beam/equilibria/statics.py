@@ -321,7 +321,7 @@ class LoadPath:
         self.stepper = LoadStepper(self.forcing, options, self.stats)
         self.crossings = Crossings(self.stepper)
         self.stepper.check = self.crossings.check_stability
-        self.stepper.check_turn = self.crossings.check_turn
+        self.stepper.is_singular = self.crossings.is_singular
         #: Whether it warns if its last row is unstable.
         self.warns = True
         #: The states so far.

@@ -149,8 +149,9 @@ class Kinks:
         energies = [beam.section.strain_energy for beam in scene.beams]
         #: Whether members or springs have internal variables.
         self.flows = forms.internal_shape[-1] > 0 or points.flows
-        #: Whether members or virtual works have functions of a user, which may have kinks.
-        self.bend = any(energies) or bool(scene.virtual_works)
+        #: Whether members or virtual works have functions of a user, which may have kinks; those of
+        #: a pressure, which has a number of its own, are smooth.
+        self.bend = any(energies) or not all(work.own for work in scene.virtual_works)
         #: Whether there are obstacles or stops.
         self.has_contact = points.any_have("unilateral")
         own = any(force.force for force in scene.forces_between)

@@ -9,15 +9,29 @@ import fx_beam as fb
 WAYS = [None, "arc-length"]
 
 
-def ring():
-    """A half ring on two pins under pressure 4; it buckles at 3 EI / R^3 (Timoshenko)."""
+def half_circle(turn=0.0):
+    return fb.Curve(lambda f: (np.cos(turn + np.pi * f), np.sin(turn + np.pi * f)))
+
+
+def ring(pressure=4.0, degree=3, turn=0.0):
+    """A half ring on two pins under pressure; it buckles at 3 EI / R^3 (Timoshenko)."""
     scene = fb.Scene()
-    shape = fb.Curve(lambda f: (np.cos(np.pi * f), np.sin(np.pi * f)))
     section = fb.Section(EA=1e6, GA=1e6, EI=1.0)
-    arch = scene.add_beam(shape, section, elements=16, degree=3)
+    arch = scene.add_beam(half_circle(turn), section, elements=16, degree=degree)
     scene.pin(arch.start)
     scene.pin(arch.end)
-    scene.add_line_load(arch, 4.0, follower=True)
+    scene.add_line_load(arch, pressure, follower=True)
+    return scene
+
+
+def arch_under(load, turn=0.3):
+    """A half ring on two pins under a load at its top; it sways to a side."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e5, GA=1e5, EI=1.0)
+    arch = scene.add_beam(half_circle(turn), section, elements=16, degree=2)
+    scene.pin(arch.start)
+    scene.pin(arch.end)
+    scene.add_force(arch.node(0.5), (load * np.sin(turn), -load * np.cos(turn)))
     return scene
 
 
@@ -39,6 +53,37 @@ def test_a_ring_whose_load_step_ends_at_its_buckling_load(steps, way):
     assert point.kind == "bifurcation"
     assert point.load_factor == pytest.approx(0.75, abs=1e-6)
     assert path.load_factor[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("digits", [3, 8, 13])
+def test_the_last_digits_of_a_pressure_lead_no_ring_to_a_side_branch(digits, way):
+    """By some of them no point was found, by others no state behind it."""
+    path = fb.static(ring(4 * (1 + digits * 2e-15)), load_steps=20, continuation=way)
+    (point,) = path.critical_points
+    assert point.load_factor == pytest.approx(0.75, abs=1e-6)
+    assert not path.stable[-1]
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-13, -1e-11, 1e-9])
+def test_a_state_on_the_buckling_load_of_a_ring_is_no_corner_of_its_path(apart):
+    critical = 4 * fb.static(ring(degree=2, turn=0.4)).critical_points[0].load_factor
+    scene = ring(10 / 7 * critical * (1 + apart), degree=2, turn=0.4)
+    path = fb.static(scene, continuation="arc-length")
+    assert path.critical_points[0].load_factor == pytest.approx(0.7, abs=2e-6)
+    assert not path.stable[-1]
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("apart", [0.0, 3e-15, 1e-13, 1e-6])
+def test_an_arch_whose_load_step_ends_where_it_sways(apart, way):
+    """Its step to a side deviates from the predictor by less than this."""
+    known = fb.static(arch_under(9.0), load_steps=23).critical_points[0]
+    load = 40 / 31 * 9 * known.load_factor * (1 + apart)
+    path = fb.static(arch_under(load), load_steps=40, continuation=way)
+    assert path.critical_points[0].kind == "bifurcation"
+    assert path.critical_points[0].load_factor == pytest.approx(31 / 40, abs=3e-6)
+    assert not path.stable[-1]
 
 
 @pytest.mark.parametrize("way", WAYS)
