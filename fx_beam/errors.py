@@ -661,3 +661,9 @@ def answering_keywords(called: Any, home: str = "") -> Any:
 
     answer_call.__module__ = home  # where pickles find it
     return answer_call
+
+
+def answer_in_module(names: dict[str, Any]) -> None:
+    """Give all public functions and classes of a module, by its globals, hints for keywords."""
+    for name in names["__all__"]:
+        names[name] = answering_keywords(names[name], names["__name__"])

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from .errors import SceneError
+from .errors import SceneError, answering_keywords
 
 __all__ = ["Material"]
 
 
+@answering_keywords
 @dataclass(frozen=True)
 class Material:
     """A linear elastic material: ``Section.rectangle(0.02, 0.01, **material)`` reads it.

@@ -1,4 +1,4 @@
 """Studies that compare time schemes: error against run time, and stability.
 
-They use the public interface of the package only, as a user's own study would.
+They build on `fx_beam`, which does not know them.
 """

@@ -15,9 +15,12 @@ if importlib.util.find_spec("dolfinx") is None or importlib.util.find_spec("pets
         name="dolfinx",
     )
 
+from fx_beam.errors import answer_in_module
+
 from .meshes import beams_of
 from .problem import Equilibrium, Problem
 from .reduced_equations import System
 from .steps import TrialStep
 
 __all__ = ["Equilibrium", "Problem", "System", "TrialStep", "beams_of"]
+answer_in_module(globals())

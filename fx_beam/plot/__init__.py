@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fx_beam.errors import answering_keywords
+from fx_beam.errors import answer_in_module
 
 from . import backend  # noqa: F401  # before all that draws
 from .animations import animate
@@ -25,5 +25,4 @@ from .shape_pictures import diagrams, modes, shapes
 __all__ = ["LiveView", "Page", "animate", "axis", "curves", "diagrams", "equilibrium_paths"]
 __all__ += ["figure", "frequency_response", "interactive", "live", "modes", "quantities"]
 __all__ += ["response", "save", "scene", "shapes", "style"]
-for _name in __all__:
-    globals()[_name] = answering_keywords(globals()[_name], __name__)
+answer_in_module(globals())

@@ -51,6 +51,19 @@ def assert_same(solution, other, digits=1e-12):
         np.testing.assert_allclose(getattr(solution, name), values, rtol=0, atol=size, err_msg=name)
 
 
+@pytest.mark.parametrize(
+    ("call", "name", "real"),
+    [
+        (lambda scene: fenicsx.Problem(scene, timestep=0.1), "timestep", "Use dt$"),
+        (lambda scene: fenicsx.Problem(scene, dt=0.1).run(0.1, duration=1.0), "duration", "t_end$"),
+        (lambda scene: fenicsx.Equilibrium(scene).run(load_step=3), "load_step", "'load_steps'"),
+        (lambda scene: fenicsx.Equilibrium(scene).modes(num_modes=2), "num_modes", "Use n$"),
+    ],
+)
+def test_keywords_of_other_programs_are_answered_by_ours(call, name, real):
+    assert_refused(f"argument '{name}'.*{real}", call, cantilever()[0], error=TypeError)
+
+
 # -- Terms -----------------------------------------------------------------------------------------
 
 

@@ -16,6 +16,7 @@ from jointed import MEMBER as SECTION
 from scenes import assert_refused, clamped_bar
 
 import fx_beam as fb
+from fx_beam_studies import stability, work_precision
 
 MASSLESS = fb.Section(EA=1e4, GA=1e4, EI=100.0)
 
@@ -245,7 +246,23 @@ def test_keywords_of_other_programs_of_pictures_are_answered_by_ours():
     assert_refused("'color'.*'colour'", fb.plot.shapes, None, "x.png", color="M", error=TypeError)
 
 
+@pytest.mark.parametrize(
+    ("called", "name", "real"),
+    [
+        (work_precision.study, "timestep", "Use dt$"),
+        (work_precision.Mesh, "n_elements", "Use elements$"),
+        (stability.study, "repeat", "'repeats'"),
+        (stability.Case, "duration", "Use t_end$"),
+        (fb.materials.Material, "density", "Use rho$"),
+    ],
+)
+def test_keywords_of_other_programs_of_studies_and_materials_are_answered_by_ours(
+    called, name, real
+):
+    assert_refused(f"argument '{name}'.*{real}", lambda: called(**{name: 1}), error=TypeError)
+
+
 @pytest.mark.plot
 def test_functions_with_hints_are_pickled_by_name():
-    for function in (fb.simulate, fb.modes, fb.plot.shapes):
+    for function in (fb.simulate, fb.modes, fb.plot.shapes, stability.study):
         assert pickle.loads(pickle.dumps(function)) is function
