@@ -317,40 +317,41 @@ class PeriodicResponse(Response):
     ``t, y = run(x)`` builds the scene of the parameters x and finds a motion that repeats itself.
     The rows of the outputs are those at the ends of its steps, over one period. The output "period"
     of the scene is a single number. Derivatives, by ``run.vjp(weights)``, ``run.jacobian()`` and
-    ``run.multipliers()``, are those of the motion as it is found: with the state y at its start,
-    its period T and the state S(y, T, x) after it, :math:`(S_y - 1) \mathrm{d}y + S_T \mathrm{d}T =
-    -S_x \mathrm{d}x`, besides the phase, energy or amplitude that is given. No other motion is
-    searched for. Threads may call it at once, and by `map`, as a `Response`.
+    ``run.multipliers()``, are those of the computed motion: with the state y at its start, its
+    period T and the state S(y, T, x) after a period, :math:`(S_y - 1) \mathrm{d}y + S_T \mathrm{d}T
+    = -S_x \mathrm{d}x`, together with the condition that gives the phase, energy or amplitude. No
+    other motion is searched for. Several threads may call it, and `map`, as with `Response`.
 
     Parameters
     ----------
     build : callable
-        ``build(x)`` gives the scene and its outputs, as in `Response`; ``build(x, f)``, if the
-        frequency f [Hz] of its loads is looked for as well.
+        ``build(x)`` gives the scene and its outputs, as in `Response`. If the frequency f [Hz] of
+        its loads is unknown as well, it is ``build(x, f)``.
     motion : callable
         ``motion(scene)`` finds the motion, such as ``lambda scene: fb.periodic(scene, mode=0,
         amplitude=0.1)``. Functions of time of forced motions must keep their period for all x. If
-        `build` takes a frequency, ``motion(build)`` gets it as a function of this: ``lambda build:
-        fb.forced_response(build, (1, 2)).critical[0].motion`` is the motion at a fold, of which
-        the output "period" alone has derivatives.
+        `build` takes a frequency, the argument of `motion` is the scene as a function of the
+        frequency: ``lambda build: fb.forced_response(build, (1, 2)).critical[0].motion`` finds the
+        motion at a fold, where only the output "period" has derivatives.
 
     Attributes
     ----------
     motion : PeriodicMotion
         The motion of the last call.
     stats : Stats
-        Statistics of its steps.
+        Statistics of the steps of this motion.
 
     Raises
     ------
     SceneError
-        As of `Response` and `periodic`; if `motion` gives something else. In derivatives for
-        motions that are not isolated, such as free ones whose energy or amplitude is not given,
-        and for those of a `backbone`; for parameters that change a period of loads.
+        In the cases of `Response` and `periodic`; if `motion` does not give a periodic motion. In
+        derivatives for motions that are not isolated, such as free motions whose energy or
+        amplitude is not given, and for motions of a `backbone`; for parameters that change the
+        period of loads.
 
     Examples
     --------
-    A mass on a spring that hardens: by the stiffness of its linear part the period changes as that
+    A mass on a hardening spring: the period, and its derivative by the linear stiffness, are those
     of Duffing's equation.
 
     >>> import fx_beam as fb
@@ -383,30 +384,31 @@ class PeriodicResponse(Response):
 
     @one_call
     def multipliers(self, n: int = 1) -> tuple[np.ndarray, np.ndarray]:
-        r"""The largest Floquet multipliers, with their derivatives by all numbers.
+        r"""The largest Floquet multipliers, with their derivatives by all parameters.
 
-        They are :math:`\psi.(\mathrm{d}S_y) \phi / \psi.\phi` with the left and right eigenvectors
-        of :math:`S_y`: central differences of derivatives along the right one.
+        The derivatives are :math:`\psi.(\mathrm{d}S_y) \phi / \psi.\phi` with the left and right
+        eigenvectors :math:`\psi, \phi` of :math:`S_y`; :math:`(\mathrm{d}S_y) \phi` is found by
+        central differences along :math:`\phi`.
 
         Parameters
         ----------
         n : int
-            Number of multipliers, without those that are 1 for shifts in time and the energy of a
-            family.
+            Number of multipliers. Multipliers that are 1 in any case, for shifts in time and for
+            the energy of a family of motions, are left out.
 
         Returns
         -------
         multipliers : (n,) complex
-            As `PeriodicMotion.multipliers`; of a complex pair the one with the positive imaginary
-            part, once.
+            As `PeriodicMotion.multipliers`; of a complex pair only the one with positive imaginary
+            part.
         derivatives : (n, m) complex
             d multipliers/dx.
 
         Raises
         ------
         SceneError
-            Before the first call, for scenes without derivatives, for motions without others than
-            these, for multipliers that are equal, and at a fold.
+            Before the first call, for scenes without derivatives, for motions that have no other
+            multipliers, for equal multipliers, and at a fold.
         """
         return self._analysis.multipliers(n)
 

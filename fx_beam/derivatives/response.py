@@ -252,19 +252,18 @@ class Response(ParameterFunction):
     """The motion of a scene as a function of parameters.
 
     ``t, y = run(x)`` builds the scene of the parameters x and simulates it. The first call sets the
-    scene up; the next ones only set the data: all that is given as a number, a position, or a
-    function of time or place. Results are those of `simulate`, to the last digit unless functions
-    round otherwise for arrays, or for dual numbers (after a call with derivatives). A scene with
-    other beams, elements, joints, supports or kinds of loads is set up anew, and so is one whose
-    functions in UFL give other expressions, in which a `Parameter` is no number;
-    ``run.stats.setup_reason`` says why.
+    scene up; the next calls only set its data: all that is given as a number, a position, or a
+    function of time or place. Results are those of `simulate` to the last digit, unless your
+    functions round differently for arrays or, after derivatives, for dual numbers. A scene with
+    other beams, elements, joints, supports or kinds of loads is set up anew, and so is a scene
+    whose functions in UFL give another expression; the value of a `Parameter` does not change an
+    expression. ``run.stats.setup_reason`` says why.
 
-    It may be called from several threads, also by its objectives. Each thread has a state of its
-    own: derivatives and `stats` are those of the last call in this thread, whatever others call
-    meanwhile. In a thread that has made no call they are those of the last call of the thread that
-    made the first one, for which they wait while it uses the response. `build`, and the functions
-    that it gives, are called by these threads at the same time. `map` is the same for a table of
-    parameters.
+    Several threads may call a response, also through its objectives. Derivatives and `stats` are
+    those of the last call in the same thread, whatever other threads call meanwhile. A thread that
+    has made no call reads those of the thread that made the first call of all, and waits while that
+    thread uses the response. The threads call `build`, and the functions of its scenes, at the same
+    time. `map` does this for a table of parameters.
 
     Parameters
     ----------
@@ -279,8 +278,8 @@ class Response(ParameterFunction):
     dt : float, optional
         Time step [s]; optional with a tolerance.
     tolerance, dt_max, breaks : optional
-        Steps that are chosen by their errors, as in `simulate`. Different parameters then have
-        different times; `record` with `times` gives the outputs at the same ones.
+        Steps that are chosen by their errors, as in `simulate`. Each call then has times of its
+        own; `record` with `times` gives the outputs at the same times in each call.
     start : Solution or callable, optional
         Solution whose end is the initial state; or ``start(scene)``, which computes it, such as
         ``lambda scene: fb.static(scene)``.
@@ -290,15 +289,15 @@ class Response(ParameterFunction):
         How often a failing step is halved.
     record : Record, optional
         Rows of the outputs, by `every` or `times`; by default all steps. Quantities that no output
-        needs are not recorded. Velocities at `times` are those of polynomials, while their
+        needs are not recorded. Velocities at `times` are interpolated by polynomials; their
         derivatives are those of the steps.
     inputs : dict, optional
         Functions of time of the inputs of the scene, as in `simulate`.
     memory : float
-        Memory for the steps that derivatives follow [bytes]. If a motion needs more, only states at
-        some steps are kept, and increments in half of the memory. Derivatives repeat the steps
-        between, to the last digit, those with increments without iterations. Each thread has as
-        much.
+        Memory for the steps that derivatives follow [bytes]. If a motion needs more, only the
+        states at some steps are stored, and increments in half of the memory. Derivatives then
+        repeat the other steps to the last digit, without iterations where the increment is stored.
+        Each thread uses this memory.
 
     Attributes
     ----------
@@ -308,8 +307,8 @@ class Response(ParameterFunction):
     Raises
     ------
     SceneError
-        If `build` is no function; in a call if x are not finite numbers, or if `build` does not
-        give a scene with outputs of the same names as before.
+        If `build` is no function; in a call if x has values that are not finite, or if `build` does
+        not give a scene with outputs of the same names as before.
 
     Examples
     --------
@@ -425,8 +424,8 @@ class Response(ParameterFunction):
     def map(self, X: ArrayLike, threads: int | None = None) -> list[Rows | Exception]:
         """Run the scenes of many parameters, several at a time.
 
-        They are cases of one program, and each thread has the memory of its last one. If nothing
-        has been called before, the first case runs alone, and compiles for all. Derivatives and
+        All cases share one compiled program, and each thread has memory of its own. If the response
+        was not called before, the first case runs alone, as it compiles for all. Derivatives and
         `stats` remain those of the last call of the response.
 
         Parameters
@@ -434,13 +433,14 @@ class Response(ParameterFunction):
         X : (k, m) float
             The parameters of each case.
         threads : int, optional
-            Number of threads of this process; by default all cases run in this one. They call
-            `build`, and functions of the scenes, at the same time.
+            Number of threads of this process; by default all cases run in the calling thread. The
+            threads call `build`, and functions of the scenes, at the same time.
 
         Returns
         -------
         list of (t, y), or exceptions
-            What a call gives for each case, in their order; the exception of a case that fails.
+            The result of a call for each case, in the order of `X`; for a case that fails its
+            exception.
 
         Raises
         ------
@@ -480,10 +480,11 @@ class Response(ParameterFunction):
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
         """Derivatives of a sum of weights times outputs of the last call, by all parameters.
 
-        They are those of the steps as they were taken, to round-off (adjoint method), times those
-        of the scene's data, by dual numbers in `build`, without a motion; see
-        `stats.difference_reason`. Where slip with `Coulomb` friction reverses in a few steps, those
-        of the time when it does take their place. No motion is repeated.
+        By the adjoint method: the derivatives of the computed steps by the data of the scene, exact
+        to round-off, times the derivatives of these data by x, which `build` gives for dual
+        numbers, or differences of `build` (`stats.difference_reason` says why). Where slip with
+        `Coulomb` friction reverses within a few steps, the derivative of the time of the reversal
+        is used in the place of that of the steps. No motion is repeated.
 
         Parameters
         ----------
@@ -543,9 +544,9 @@ class Response(ParameterFunction):
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
         """Derivatives of outputs of the last call by all parameters, at all times.
 
-        They are those of the steps as they were taken, to round-off (forward sensitivities), times
-        those of the scene's data, by one call of `build` with dual numbers, without a motion. Slip
-        that reverses in a few steps has those of its time, as in `vjp`.
+        By forward sensitivities: the derivatives of the computed steps by the data of the scene,
+        exact to round-off, times the derivatives of these data by x, which one call of `build` with
+        dual numbers gives. Slip that reverses within a few steps is treated as in `vjp`.
 
         Parameters
         ----------
@@ -607,11 +608,12 @@ class Response(ParameterFunction):
         Raises
         ------
         SceneError
-            In its calls, if the function gives anything else; as of `vjp`.
+            When it is called, if the function does not give a number and a dict; and in the cases
+            of `vjp`.
 
         Examples
         --------
-        The force on a body by which it is at a place at the end.
+        The force by which a body arrives at a given place at the end.
 
         >>> import numpy as np, fx_beam as fb
         >>> from scipy.optimize import minimize
@@ -640,7 +642,8 @@ class Response(ParameterFunction):
         measured : dict of (n, ...) float
             Measured values by the names of outputs; NaN, or masked, where there are none.
         scatter : float or dict, optional
-            Standard deviation of what was measured, or that of each by name: a number or an array.
+            Standard deviation of the measured values, for all outputs or by their names: a number
+            or an array.
 
         Returns
         -------
@@ -651,7 +654,7 @@ class Response(ParameterFunction):
         Raises
         ------
         SceneError
-            For other names or shapes than those of the outputs, or a scatter that is not positive.
+            For names or shapes that the outputs do not have, or a scatter that is not positive.
 
         Examples
         --------

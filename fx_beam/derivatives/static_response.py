@@ -230,11 +230,11 @@ class StaticResponse(Response):
 
     ``factors, y = run(x)`` builds the scene of the parameters x and computes its equilibria by
     `static`. ``run.vjp(weights)`` and ``run.jacobian()`` are derivatives of the outputs at constant
-    load factors. They are exact for the computed load steps, also if members or springs yield: no
-    equilibrium is computed for them. With an arc length as well, the factors of the rows count as
-    constant; at a limit point there is no derivative.
+    load factors. The derivatives are exact for the computed load steps, also if members or springs
+    yield, and need no further equilibria. With an arc length, too, they hold at constant load
+    factors of the rows; at a limit point there is no such derivative.
 
-    Threads may call it at once, and by `map`, as a `Response`.
+    Several threads may call it, and `map`, as with `Response`.
 
     The output "critical_load" of the scene is the load factor at the first critical point of the
     path, a single number, and its derivatives are those of the point.
@@ -264,17 +264,16 @@ class StaticResponse(Response):
     Raises
     ------
     SceneError
-        As of `Response`; if the path has no critical point, whose load is an output. In derivatives
-        also if springs are under tension and change internal variables before the loads act; and of
-        the critical load, for several modes at once, where the stiffness jumps, by parameters that
-        are imperfections, with added virtual works, where material has flowed, and as of
-        `ModalResponse`.
+        In the cases of `Response`; if "critical_load" is an output and the path has no critical
+        point. In derivatives also if springs under tension change internal variables before the
+        loads act. In derivatives of the critical load also if several modes are critical at once,
+        where the stiffness jumps, by parameters that are imperfections, with added virtual works,
+        where material has flowed, and in the cases of `ModalResponse`.
 
     Examples
     --------
-    How the tip of a cantilever, rolled up to a half circle by a moment, depends on the moment; per
-    load factor the exact values are (-L, -2 L / pi), those of a beam of straight elements close to
-    them.
+    A moment bends a cantilever to a half circle. The derivatives of the position of its tip by the
+    factor x of the moment are exactly (-L, -2 L / pi), and close to them with straight elements.
 
     >>> import math, numpy as np, fx_beam as fb
     >>> def build(x):
@@ -327,25 +326,26 @@ class StaticResponse(Response):
 
     @one_call
     def imperfection_sensitivity(self) -> Sensitivity:
-        r"""How the critical load falls if parameters x of the last call make the scene imperfect.
+        r"""How the critical load falls if the parameters x of the last call become imperfections.
 
         Near a bifurcation the load is :math:`\lambda_c - c |\Delta x|^p` (Koiter 1945): p = 2/3 at
-        a symmetric bifurcation, with c = 0 where the paths beyond it are stable; p = 1/2 at another
-        one, for changes with the sign of c, while others make the load no less.
+        a symmetric bifurcation, with c = 0 if the paths that branch there are stable; p = 1/2 at an
+        asymmetric bifurcation, for changes with the sign of c; changes of the other sign do not
+        reduce the load.
 
         Returns
         -------
         exponent : float
             p.
         coefficients : (m,) float
-            c for each number alone; 0 for numbers that are no imperfections. If no number is an
-            imperfection, `jacobian` gives the slopes.
+            c for each parameter alone; 0 for parameters that are no imperfections. If no parameter
+            is an imperfection, use the slopes of `jacobian`.
 
         Raises
         ------
         SceneError
-            Before the first call, if the first critical point is no bifurcation, and as of
-            `jacobian`.
+            Before the first call, if the first critical point is no bifurcation, and in the cases
+            of `jacobian`.
         """
         return self._analysis.critical_load.sensitivity()
 

@@ -53,16 +53,16 @@ class ModalResponse(ParameterFunction):
 
     ``w = run(x)`` builds the scene of the parameters x and computes its lowest modes, as `modes`
     does without damping. Their derivatives need no further modes: with :math:`\phi.M \phi = 1`,
-    :math:`d\omega^2/dx = \phi.(K_x - \omega^2 M_x) \phi`, and about a static state also what this
-    changes with the parameters, :math:`-\eta.r_x`, where :math:`K \eta` is the derivative of
+    :math:`d\omega^2/dx = \phi.(K_x - \omega^2 M_x) \phi`, and about a static state also
+    :math:`-\eta.r_x`, as the state depends on the parameters: :math:`K \eta` is the derivative of
     :math:`\phi.K \phi` by the state, and r the residual. With damping, or in a steady turn, the
-    vector on the left is that of the transposed equations. Derivatives along :math:`\phi` are
-    differences of order six, with an error of about 1e-8, within which no contact opens or closes;
-    all others are exact but for differences of `build`.
+    vector on the left is the mode of the transposed equations. Derivatives along :math:`\phi` are
+    differences of order six, with an error of about 1e-8, in which no contact opens or closes; all
+    other derivatives are exact, if `build` takes dual numbers.
 
-    From the second call on modes keep their places: each is the one whose shape is most like that
-    before (MAC, with the mass), also where frequencies cross. Threads may call it at once: the call
-    before, and the last one, are those of a thread, as of a `Response`.
+    From the second call on modes keep their order, also where frequencies cross: mode i has the
+    shape most similar to mode i of the call before (MAC, with the mass). Several threads may call
+    it; the call before is then that of the same thread, as with `Response`.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ class ModalResponse(ParameterFunction):
     n : int
         Number of modes.
     state : callable, optional
-        ``state(scene)`` computes the equilibrium about which the scene vibrates, such as
-        ``lambda scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``;
-        by default the reference configuration without loads; if springs are under tension there,
-        what they press has none of their force, with a warning.
+        ``state(scene)`` computes the equilibrium about which the scene vibrates, such as ``lambda
+        scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``; by default
+        the reference configuration without loads. If springs are under tension there, a warning
+        says that the stiffness has no part from the forces with which they load the members.
     damped : bool
-        Whether damping counts: then ``w`` is (n, 2), with the damping ratios beside the
-        frequencies, as in `modes`.
+        Whether damping is included: ``w`` is then (n, 2), with frequencies and damping ratios, as
+        in `modes`.
 
     Attributes
     ----------
@@ -87,11 +87,11 @@ class ModalResponse(ParameterFunction):
     Raises
     ------
     SceneError
-        If `build` or `state` is no function of its argument; in a call if x are not finite numbers,
-        if `build` does not give a scene, or `state` no static solution of it, and as of `modes`. In
-        derivatives for friction that sticks (of contact if it is closed), internal variables in a
-        turn, contact with members beside nodes that slide on beams, or if the tangent of the state
-        is singular.
+        If `build` or `state` is no function of its argument; in a call if x has values that are not
+        finite, if `build` gives no scene, if `state` gives no static solution of the scene, and in
+        the cases of `modes`. In derivatives for sticking friction (of a contact if it is closed),
+        for internal variables in a steady turn, for contact of members in scenes with nodes that
+        slide on beams, or if the tangent of the state is singular.
 
     Examples
     --------
@@ -206,13 +206,14 @@ class ModalResponse(ParameterFunction):
     def jacobian(self) -> np.ndarray:
         """Derivatives of the frequencies of the last call by all numbers.
 
-        Of modes with the same frequency those of their group, the eigenvalues of its matrix, which
-        a warning tells.
+        For modes with the same frequency they are the eigenvalues of the matrix of derivatives of
+        these modes; a warning says so.
 
         Returns
         -------
         (n, m) float
-            dw/dx; zero for rigid modes. With `damped` (n, 2, m), of frequencies and ratios.
+            dw/dx; zero for rigid modes. With `damped` (n, 2, m), for frequencies and damping
+            ratios.
 
         Raises
         ------
@@ -246,7 +247,7 @@ class ModalResponse(ParameterFunction):
         Parameters
         ----------
         weights : (n,) or (n, 2) float
-            Weights of what the call has given, of its shape.
+            Weights of the frequencies, or of frequencies and damping ratios with `damped`.
 
         Returns
         -------
@@ -256,8 +257,9 @@ class ModalResponse(ParameterFunction):
         Raises
         ------
         SceneError
-            As of `jacobian`; for weights of another shape, and for different ones of modes with the
-            same frequency, since only their sum has a gradient.
+            In the cases of `jacobian`; for weights of another shape, and for modes of the same
+            frequency with different weights, since only the sum of these frequencies has a
+            gradient.
         """
         self._follow()
         name = "ModalResponse.vjp: weights"
@@ -407,22 +409,23 @@ class HarmonicResponse(ParameterFunction):
     ``values = run(x)`` builds the scene of the parameters x and computes complex amplitudes as
     `frequency_response` does. With :math:`D = K + i \omega C - \omega^2 M` and :math:`D \hat x =
     \hat F`, the derivative of a component :math:`r.\hat x` is :math:`\lambda.(\hat F_x - D_x \hat
-    x) + r_x.\hat x`, with :math:`D^T \lambda = r`: one more right side for each frequency and
-    component. Derivatives along :math:`\hat x` are differences of order six, as in `ModalResponse`;
-    the dependence of a static state is included. Threads may call it at once, as a `Response`.
+    x) + r_x.\hat x`, with :math:`D^T \lambda = r`: one more linear system with the same matrix for
+    each frequency and component. Derivatives along :math:`\hat x` are differences of order six, as
+    in `ModalResponse`; the dependence of a static state is included. Several threads may call it,
+    as with `Response`.
 
     Parameters
     ----------
     build : callable
-        ``build(x)`` gives the scene, the load and where the motion is wanted,
-        ``(scene, load, at)``, the latter as in `frequency_response`.
+        ``build(x)`` gives ``(scene, load, at)``: the scene, and `load` and `at` as in
+        `frequency_response`.
     frequencies : (n,) float
         Frequencies of the load [Hz], zero or positive.
     state : callable, optional
-        ``state(scene)`` computes the equilibrium about which the scene vibrates, such as
-        ``lambda scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``;
-        by default the reference configuration without loads; if springs are under tension there,
-        what they press has none of their force, with a warning.
+        ``state(scene)`` computes the equilibrium about which the scene vibrates, such as ``lambda
+        scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``; by default
+        the reference configuration without loads. If springs are under tension there, a warning
+        says that the stiffness has no part from the forces with which they load the members.
     base : (2,) complex, optional
         Amplitudes of the displacement of the base [m], as in `frequency_response`; then the load
         that `build` gives is None.
@@ -436,12 +439,13 @@ class HarmonicResponse(ParameterFunction):
     ------
     SceneError
         If `build` or `state` is no function of its argument; in a call if `build` or `state` gives
-        something else, and as of `frequency_response`. In derivatives as of `ModalResponse`.
+        something else, and in the cases of `frequency_response`. In derivatives in the cases of
+        `ModalResponse`.
 
     Examples
     --------
-    An oscillator at rest, and at half of its natural frequency: by its stiffness k the amplitude
-    1 / (k - w^2 m) changes by -1 / (k - w^2 m)^2.
+    An oscillator under a constant load, and at half of its natural frequency: the amplitude is 1 /
+    (k - w^2 m), its derivative by the stiffness k is -1 / (k - w^2 m)^2.
 
     >>> import math, fx_beam as fb
     >>> def build(x):
@@ -532,8 +536,8 @@ class HarmonicResponse(ParameterFunction):
         Parameters
         ----------
         weights : (n, c) float or complex
-            Weights of what the call has given. For a sum of squares of amplitudes twice their
-            conjugates, for amplitudes their conjugates over their sizes.
+            Weights of the complex amplitudes z. For the gradient of a sum of abs(z)^2 they are 2
+            conj(z), of a sum of abs(z) they are conj(z) / abs(z).
 
         Returns
         -------
@@ -585,15 +589,15 @@ class HarmonicResponse(ParameterFunction):
         Returns
         -------
         list of Peak
-            Their frequencies [Hz], amplitudes and gradients (m,), by rising frequency: one for each
-            of `frequencies` with a larger amplitude than both beside it, found between these. The
-            height of a peak does not change with its place, so that the gradient is that at a
-            constant frequency.
+            Frequencies [Hz], amplitudes and gradients (m,) of the peaks, by rising frequency. A
+            peak is looked for around each of `frequencies` whose amplitude is larger than those of
+            both neighbours. The gradient of the height of a peak is that of the amplitude at its
+            frequency, as the slope over the frequency is zero there.
 
         Raises
         ------
         SceneError
-            As of `vjp`, and for a name that is none.
+            In the cases of `vjp`, and for an unknown component.
         """
         names, name = self.response.names, f"{_WHAT}.peaks: component"
         require(is_one_of(component, names), name, component, f"one of {', '.join(names)}")

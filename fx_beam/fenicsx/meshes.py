@@ -274,11 +274,12 @@ def beams_of(
     scene : Scene
         The scene.
     mesh : dolfinx.mesh.Mesh
-        Intervals in the plane, as of ``dolfinx.io.gmshio``; of points in space z is left out.
+        Intervals in the plane, as ``dolfinx.io.gmshio`` reads them; z of points in space is
+        ignored.
     section : Section or dict
-        Cross-section of all, or sections by tag.
+        Cross-section of all beams, or a dict of sections by tag.
     cell_tags : dolfinx.mesh.MeshTags, optional
-        Tags of the cells, which choose their sections.
+        Tags of the cells, by which their sections are chosen.
     **options
         ``elements``, ``degree``, ``joints`` and ``join`` of `Scene.add_mesh`.
 
@@ -286,18 +287,19 @@ def beams_of(
     -------
     list of Beams
         The beams in the order of the cells; ``beams.nodes[i]`` is the node at row i of
-        ``mesh.geometry.x``, None in the middle of a line. ``beams.tagged(2)`` are the beams of
-        cells with a tag, ``beams.nodes_of(facet_tags, 7)`` the nodes at points with one.
+        ``mesh.geometry.x``, or None for a point in the middle of an interval. ``beams.tagged(2)``
+        are the beams of the cells with the tag 2, ``beams.nodes_of(facet_tags, 7)`` the nodes at
+        points with the tag 7.
 
     Raises
     ------
     SceneError
-        For cells that are no straight intervals, a part of a mesh, cells without a tag, and for
-        what `Scene.add_mesh` refuses.
+        For cells that are no straight intervals, a mesh shared by several processes, cells without
+        a tag, and in the cases of `Scene.add_mesh`.
 
     Notes
     -----
-    Lines of second order, as of gmsh, become elements of degree 2.
+    Intervals of second order, as gmsh makes them, become elements of degree 2.
 
     Examples
     --------

@@ -46,16 +46,18 @@ class Problem(DolfinxSteps):
     """A scene as a variational problem of dolfinx, whose steps in time PETSc takes.
 
     The weak form is that of the engine, with Functions and Constants of dolfinx as its symbols.
-    Supports and joints are maps from the unknowns, as in a multi-point constraint: Newton's method
-    solves Tv(y)^T r(g(y)) = 0. dolfinx assembles beams, PETSc solves; masses, forces at points, the
-    reduction, and what follows from an increment (rates, work, records), are the engine's.
+    Supports and joints give all displacements and rotations as a function g(y) of fewer unknowns y,
+    as in a multi-point constraint: Newton's method solves Tv(y)^T r(g(y)) = 0, with the residual r
+    and the virtual motions Tv (see `System`). dolfinx assembles the beams, and PETSc solves. The
+    engine computes masses, forces at points, g and Tv, and then rates, work and records.
 
     Parameters
     ----------
     scene : Scene
         The scene, with at least one beam.
     scheme : Scheme, optional
-        Time scheme, by default `EnergyMomentum`; also one of your own, with its own nodal rules.
+        Time scheme, by default `EnergyMomentum`; a `Scheme` of your own may have other rules for
+        nodal rates.
     dt : float
         Length of a step [s].
     petsc_options : dict, optional
@@ -65,14 +67,13 @@ class Problem(DolfinxSteps):
     newton : NewtonOptions, optional
         Convergence criteria.
     max_halvings : int
-        How often a step that fails may be halved; by default not at all.
+        How often a step that fails may be halved; by default never.
     comm : MPI.Comm, optional
-        Processes that share the mesh and the matrices; each has the whole scene, and its states. By
-        default this process alone.
-
+        Processes that share the mesh and the matrices; each process has the whole scene and all of
+        its states. By default this process alone.
     mesh : dolfinx.mesh.Mesh, optional
-        The mesh of `beams_of`, to be that of the problem: if all beams are its cells, undivided and
-        rigid where they meet. By default the problem makes one.
+        The mesh that was given to `beams_of`, if the problem shall use this mesh: all beams are
+        then its cells, with ``elements=1`` and rigid joints. By default the problem makes a mesh.
 
     Attributes
     ----------
@@ -81,12 +82,12 @@ class Problem(DolfinxSteps):
     cell_tags : dolfinx.mesh.MeshTags
         Number of the beam of each cell, in the order of ``scene.beams``.
     cell_map : (cells,) int array
-        The same as an array: of beams of `beams_of` the cell of its mesh.
+        The same numbers as an array. After `beams_of` they are the cells of the mesh given there.
     V : dolfinx function space
         Mixed space of displacement (2) and rotation.
     increment, start : dolfinx.fem.Function
-        Displacement and rotation: their increment over the step, by which F is derived, and their
-        start [m, rad].
+        Displacement and rotation at the start of the step, and their increment over it, by which F
+        is differentiated [m, rad].
     test, trial : ufl arguments
         Test function of F, and trial function of J.
     step : Step
@@ -96,12 +97,12 @@ class Problem(DolfinxSteps):
     u : dolfinx.fem.Function
         Displacement at the end of the last step, for files and pictures [m].
     q, v, a : dolfinx.fem.Function
-        Displacement and rotation at the end of the last step, in `V`, their rates, and
-        accelerations [m, rad].
+        Displacement and rotation [m, rad], velocity and spin [m/s, rad/s], and accelerations
+        [m/s^2, rad/s^2] at the end of the last step, in `V`.
     snes : PETSc.SNES
         PETSc's nonlinear solver; `replace_resultants` makes a new one.
     system : System
-        Residual, matrices and maps of all degrees of freedom of the scene.
+        Residual, matrices, and the maps by which supports and joints act.
 
     Raises
     ------
@@ -178,10 +179,11 @@ class Problem(DolfinxSteps):
         self._advance(self._end_of_step(dt), 1, NullRecorder())
 
     def begin(self, dt: float | None = None) -> AbstractContextManager[TrialStep]:
-        """Begin a step whose unknowns you find, in a block ``with problem.begin() as step``.
+        """Begin a step whose unknowns you compute, in a block ``with problem.begin() as step``.
 
-        For Newton's method, a line search, or any other method of your own, with all joints.
-        Without `TrialStep.accept` all is as before the block.
+        This is for a Newton's method, a line search, or any other method of your own; joints hold
+        as in other steps. If the block ends without `TrialStep.accept`, the problem is as before
+        it.
 
         Parameters
         ----------
@@ -266,20 +268,21 @@ class Problem(DolfinxSteps):
         record : Record, optional
             What to record, by default every step.
         update : callable, optional
-            ``update(problem)`` is called after each step, before its row is recorded: so Functions
-            of `replace_resultants` that belong to the end of the step, such as a damage, have
-            their new values in the strain energy. N, Q and M are those of the step itself.
+            ``update(problem)`` is called after each step, before its row is recorded. There set the
+            Functions of `replace_resultants` that belong to the end of the step, such as a damage:
+            the strain energy of the row is computed with the new values, N, Q and M with those of
+            the step.
 
         Returns
         -------
         Solution
-            As `fx_beam.simulate` gives it, also as a start for it.
+            As of `fx_beam.simulate`, which can start from it.
 
         Raises
         ------
         StepError
-            If a step fails. Its attribute `solution` has all steps before it, as every other
-            exception's.
+            If a step fails. The attribute `solution` of this exception, and of any other, has all
+            steps before.
         """
         options = Options(what="run", dt=self.dt, t_end=t_end, record=record)
         times = options.plan(self.t, goes_on=True).times
@@ -315,25 +318,25 @@ class Problem(DolfinxSteps):
         return result
 
     def modes(self, n: int = 4) -> FieldModes:
-        """Small undamped motions about the present state, as if it were at rest, by SLEPc.
+        """Vibration modes about the present configuration, as if at rest and undamped, by SLEPc.
 
         Parameters
         ----------
         n : int
-            How many, from the lowest frequency on.
+            Number of modes, from the lowest frequency on.
 
         Returns
         -------
         named tuple
-            ``frequencies`` (n,) [Hz], and ``functions``, of which each has displacement and
-            rotation in `V`, with modal mass 1.
+            ``frequencies`` (n,) [Hz], and ``functions``: displacement and rotation of each mode, in
+            `V`, with modal mass 1.
 
         Raises
         ------
         SceneError
-            Where a motion grows; with internal variables, and with terms, forms, resultants or a
-            scheme of your own, of which the stiffness is not known: use `Equilibrium.modes`. Also
-            without SLEPc, and without mass.
+            If a small motion grows; with internal variables, and with terms, forms, resultants or a
+            scheme of your own, whose stiffness is not known: use `Equilibrium.modes`. Also without
+            SLEPc, or for a scene without mass.
         """
         equations, state = self._equations, self._state
         model, scheme = equations.model, equations.model.scheme
@@ -357,11 +360,12 @@ class Problem(DolfinxSteps):
     def set_state(
         self, q: fem.Function | ArrayLike | None = None, v: fem.Function | ArrayLike | None = None
     ) -> None:
-        """Be in a state of one's own, at rest where nothing is given; all memory begins anew.
+        """Set displacements and rates; internal variables and other memory begin anew.
 
-        Supports and joints hold: in q the nodes that joints lead, and what supports hold, follow
-        from the others; v is the closest one in the norm of the mass. What writes into the
-        Functions `q` and `v` changes nothing, and is refused by the next step.
+        Supports and joints hold: displacements that they prescribe or lead are computed from the
+        other entries of q, and the rates are those closest to v, in the norm of the mass, that
+        joints allow. Use this method to change the state: values written into the Functions `q` and
+        `v` are not read, and the next step refuses them.
 
         Parameters
         ----------
@@ -390,15 +394,15 @@ class Problem(DolfinxSteps):
         self._set(self._prepared.state_from(start, self.dt), starts=True)
 
     def start_from(self, solution: Solution, row: int = -1) -> None:
-        """Go on from a solution, of `run` or of `fx_beam.simulate` or `static`.
+        """Continue from a solution of `run`, `fx_beam.simulate` or `fx_beam.static`.
 
         Parameters
         ----------
         solution : Solution
-            A solution of a scene with these members.
+            A solution of a scene with the same members.
         row : int
-            From which of its rows; another than the last one only without internal variables, and
-            with a scheme that keeps nothing of the step before.
+            The row from which to continue. Rows before the last one are refused with internal
+            variables, and with schemes that need data of the step before.
 
         Raises
         ------
@@ -437,9 +441,9 @@ _SYMMETRIC = 1e-9
 class Equilibrium(DolfinxSteps):
     """A scene as a static problem of dolfinx: equilibria at rising load factors.
 
-    As `Problem`, but for inertia: all loads are multiplied by the load factor. A step goes where
-    Newton's method leads: `unstable_modes` tells whether that is stable. `fx_beam.static` follows
-    paths through limit points, and finds critical points.
+    As `Problem`, without inertia and with all loads multiplied by the load factor. A step ends at
+    the equilibrium that Newton's method finds: `unstable_modes` tells whether it is stable.
+    `fx_beam.static` follows paths through limit points, and finds critical points.
 
     Parameters
     ----------
@@ -452,11 +456,10 @@ class Equilibrium(DolfinxSteps):
     newton : NewtonOptions, optional
         Convergence criteria.
     comm : MPI.Comm, optional
-        Processes that share the mesh and the matrices; by default this one alone.
-
+        Processes that share the mesh and the matrices; by default this process alone.
     mesh : dolfinx.mesh.Mesh, optional
-        The mesh of `beams_of`, to be that of the problem: if all beams are its cells, undivided and
-        rigid where they meet. By default the problem makes one.
+        The mesh that was given to `beams_of`, if the problem shall use this mesh: all beams are
+        then its cells, with ``elements=1`` and rigid joints. By default the problem makes a mesh.
 
     Attributes
     ----------
@@ -465,12 +468,12 @@ class Equilibrium(DolfinxSteps):
     cell_tags : dolfinx.mesh.MeshTags
         Number of the beam of each cell, in the order of ``scene.beams``.
     cell_map : (cells,) int array
-        The same as an array: of beams of `beams_of` the cell of its mesh.
+        The same numbers as an array. After `beams_of` they are the cells of the mesh given there.
     V : dolfinx function space
         Mixed space of displacement (2) and rotation.
     increment, start : dolfinx.fem.Function
-        Displacement and rotation: their increment over the step, by which F is derived, and their
-        start [m, rad].
+        Displacement and rotation at the start of the step, and their increment over it, by which F
+        is differentiated [m, rad].
     test, trial : ufl arguments
         Test function of F, and trial function of J.
     step : Step
@@ -480,12 +483,12 @@ class Equilibrium(DolfinxSteps):
     u : dolfinx.fem.Function
         Displacement at the end of the last step, for files and pictures [m].
     q, v, a : dolfinx.fem.Function
-        Displacement and rotation at the end of the last step, in `V`, their rates, and
-        accelerations [m, rad].
+        Displacement and rotation [m, rad], velocity and spin [m/s, rad/s], and accelerations
+        [m/s^2, rad/s^2] at the end of the last step, in `V`.
     snes : PETSc.SNES
         PETSc's nonlinear solver; `replace_resultants` makes a new one.
     system : System
-        Residual, matrices and maps of all degrees of freedom of the scene.
+        Residual, matrices, and the maps by which supports and joints act.
 
     Raises
     ------
@@ -560,10 +563,11 @@ class Equilibrium(DolfinxSteps):
         return self._loads.step(self._state, Interval(self._state.t, float(load_factor)))
 
     def begin(self, load_factor: float) -> AbstractContextManager[TrialStep]:
-        """Begin a load step whose unknowns you find, as `Problem.begin` does.
+        """Begin a load step whose unknowns you compute, as `Problem.begin` does.
 
-        Along an arc length the load factor is one more unknown: begin anew at each, with the same
-        y, as the step starts at the last equilibrium until `TrialStep.accept`.
+        In an arc-length method the load factor is one more unknown. Begin a new step for each value
+        of it, with the same y: until `TrialStep.accept` each of these steps starts at the last
+        equilibrium.
 
         Parameters
         ----------
@@ -584,13 +588,13 @@ class Equilibrium(DolfinxSteps):
         return self._trial(prepare, take)
 
     def load_derivative(self) -> PETSc.Vec:
-        """Derivative of the residual by the load factor, where it was found last.
+        """Derivative of the residual by the load factor, at the last evaluation.
 
         Returns
         -------
         PETSc.Vec
-            Minus the loads on the unknowns, and what else has the load factor: driven motions,
-            natural strains, followers and added terms.
+            Minus the loads on the unknowns, with driven motions, natural strains, follower forces
+            and added terms that depend on the load factor.
         """
         vector = self._equations.unknowns.A.createVecLeft()
         vector.array[:] = self._equations.unknowns.own(self._equations.load_slope(self._forcing))
@@ -611,15 +615,15 @@ class Equilibrium(DolfinxSteps):
         after : callable, optional
             ``after(equilibrium)`` is called after each step.
         update : callable, optional
-            ``update(equilibrium)`` is called after each step, before its row is recorded, as in
-            `Problem.run`.
+            ``update(equilibrium)`` is called after each step, before the row of the step is
+            recorded, as in `Problem.run`.
 
         Returns
         -------
         Solution
-            As `fx_beam.static` gives it, with `Solution.unstable_modes`, but without critical
-            points. Its first row is the start; at load factor 0 an equilibrium without loads, such
-            as that of springs under tension.
+            As of `fx_beam.static`, with `Solution.unstable_modes`, but without critical points. The
+            first row is the start: at load factor 0 the equilibrium without loads, in which springs
+            may be under tension.
 
         Raises
         ------
@@ -665,7 +669,7 @@ class Equilibrium(DolfinxSteps):
         return result
 
     def unstable_modes(self) -> int | None:
-        """Number of small motions that grow about the last equilibrium.
+        """Number of small motions about the last equilibrium that grow.
 
         Returns
         -------
@@ -689,17 +693,18 @@ class Equilibrium(DolfinxSteps):
     def eigenvalues(self, n: int = 4) -> np.ndarray:
         """Lowest squares of circular frequencies of small motions about the last equilibrium.
 
-        By SLEPc, about zero: K x = omega^2 M x with the reduced tangent and mass.
+        Of K x = omega^2 M x with the tangent K and the mass M of the unknowns, by SLEPc.
 
         Parameters
         ----------
         n : int
-            How many.
+            Number of eigenvalues.
 
         Returns
         -------
         (n,) complex array
-            Those nearest to zero, by their real parts [1/s^2]; negative ones belong to instability.
+            The n eigenvalues omega^2 closest to zero, in the order of their real parts [1/s^2]; a
+            negative real part means instability.
 
         Raises
         ------
@@ -710,22 +715,22 @@ class Equilibrium(DolfinxSteps):
         return np.array([square for square, _ in pairs])
 
     def modes(self, n: int = 4) -> FieldModes:
-        """Small undamped motions about the last equilibrium, by SLEPc.
+        """Vibration modes about the last equilibrium, without damping, by SLEPc.
 
         Parameters
         ----------
         n : int
-            How many, from the lowest frequency on.
+            Number of modes, from the lowest frequency on.
 
         Returns
         -------
         named tuple
-            ``frequencies`` (n,) [Hz], and ``functions``, of which each has displacement and
-            rotation in `V`, with modal mass 1.
+            ``frequencies`` (n,) [Hz], and ``functions``: displacement and rotation of each mode, in
+            `V`, with modal mass 1.
 
         Raises
         ------
         SceneError
-            Where a motion grows, without SLEPc, and without mass.
+            If a small motion grows, without SLEPc, or for a scene without mass.
         """
         return modes_of(self._equations, self._equations.tangent(), n)

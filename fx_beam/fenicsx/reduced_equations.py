@@ -493,13 +493,14 @@ class Newton:
 class System:
     """The system of all degrees of freedom of a scene, and the maps of supports and joints.
 
-    They are displacement (2) and rotation of each node, in the order of nodes. Supports and joints
-    make them functions of unknowns y: Newton's method solves ``Tv.T r = 0``.
+    The degrees of freedom are displacement (2) and rotation of each node, node by node. Supports
+    and joints make them functions of n unknowns y: Newton's method solves ``Tv.T r = 0``. Below,
+    ``size`` is the number of degrees of freedom.
 
     Parameters
     ----------
     equations : Equations
-        Those of a problem, which makes its `system` itself.
+        The equations of a problem, which makes its `system` itself.
     """
 
     def __init__(self, equations: ReducedEquations):
@@ -507,14 +508,14 @@ class System:
 
     @property
     def dofs(self) -> np.ndarray:
-        """Number here of each degree of freedom of `V`: its row of `T`, `Tv`, `K`, `M`."""
+        """Row in `T`, `Tv`, `K` and `M` of each degree of freedom of `V`."""
         return self._assembly.fields.V_numbers
 
     @property
     def residual(self) -> np.ndarray:
         """All forces r (size,) of the last iteration, with inertia [N, N m].
 
-        At the end of a step Tv^T r is zero: what is left are forces of supports and joints.
+        At the end of a step Tv^T r is zero, and r is the forces of supports and joints.
         """
         return self._equations.forces
 
@@ -532,12 +533,12 @@ class System:
 
     @property
     def T(self) -> scipy.sparse.csr_matrix:
-        """dq = T dy (size, n): small motions of all degrees of freedom by the unknowns."""
+        """Matrix (size, n) of small motions dq = T dy by small changes of the unknowns."""
         return self._equations.unknowns.T
 
     @property
     def Tv(self) -> scipy.sparse.csr_matrix:
-        """Virtual motions (size, n) by virtual unknowns: forces on the unknowns are Tv^T r."""
+        """Matrix (size, n) of virtual motions; the forces on the unknowns are Tv^T r."""
         return self._equations.unknowns.Tv
 
     def _distributed(self, matrix: scipy.sparse.csr_matrix) -> PETSc.Mat:

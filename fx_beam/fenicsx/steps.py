@@ -84,17 +84,17 @@ class ReplacedRows:
 
 
 class TrialStep:
-    """Residual and tangent of a step that has begun, at unknowns of your own.
+    """Residual and tangent of a step that has begun, at unknowns that you choose.
 
-    `Problem.begin` and `Equilibrium.begin` make it. Unknowns y are increments over the step of what
-    supports and joints leave.
+    `Problem.begin` and `Equilibrium.begin` make it. The unknowns y are increments over the step of
+    the motions that supports and joints leave free.
 
     Parameters
     ----------
     newton : Newton
         The solver of the problem.
     equations : Equations
-        Its equations.
+        The equations of the problem.
     advance : callable
         Takes the step.
 
@@ -124,12 +124,12 @@ class TrialStep:
         self._newton.residual(y, out)
 
     def tangent(self, y: PETSc.Vec) -> PETSc.Mat:
-        """Give the derivative of the residual.
+        """Derivative of the residual by the unknowns.
 
         Parameters
         ----------
         y : PETSc.Vec
-            Unknowns, at which there is a configuration.
+            Unknowns at which joints can be closed.
 
         Returns
         -------
@@ -140,17 +140,17 @@ class TrialStep:
         return self._equations.tangent()
 
     def accept(self, y: PETSc.Vec) -> None:
-        """End the step at unknowns: it is a step of the problem then.
+        """End the step at these unknowns, as a step of the problem.
 
         Parameters
         ----------
         y : PETSc.Vec
-            Unknowns. How small the residual is there is not judged.
+            The unknowns. The size of their residual is not checked.
 
         Raises
         ------
         StepError
-            Where there is no configuration; then all is as before.
+            If joints cannot be closed at y; the problem is then as before.
         """
         self._newton.own = partial(self._newton.take, y)
         try:
@@ -305,8 +305,8 @@ class DolfinxSteps:
         Parameters
         ----------
         where : Beam, list of Beams, or Node, optional
-            Over which beams to integrate, by default over all; or at which node: the integral is
-            the value there, once for each beam that ends in it.
+            The beams over which to integrate, by default all; or a node: the integral is then the
+            value at this node, once for each beam that ends in it.
         points : int, optional
             Number of Gauss points of an element; by default that of the internal forces, which is
             the degree of the elements.
@@ -324,10 +324,10 @@ class DolfinxSteps:
         return self._form.grid.measure(where, points)
 
     def add(self, term: ufl.Form) -> None:
-        """Add a term to the residual: virtual work against the motion.
+        """Add a virtual work to the residual; a positive one acts against the motion.
 
-        Its work is part of `Energy.work`. Constants and Functions in it are read anew in each
-        iteration. As here, an elastic foundation with a stiffness that is a Constant:
+        The work of the term is part of `Energy.work`. Constants and Functions in the term are read
+        anew in each iteration. An elastic foundation with a Constant k as its stiffness:
         ``problem.add(k * ufl.dot(step.u, step.virtual_u) * problem.measure())``.
 
         Parameters
@@ -350,22 +350,22 @@ class DolfinxSteps:
     ) -> None:
         """Replace the stress resultants of the scene.
 
-        Call it first: the step, `snes` and `system` are new ones then, and terms that were added
-        are gone. What contains fields of the step before is refused.
+        Call this method first: it makes a new `step`, `snes` and `system`, and removes added terms.
+        Expressions with fields of the old `step` are then refused.
 
         Parameters
         ----------
         resultants : callable
             ``resultants(step, law)`` gives the `Resultants` of a step as UFL expressions, as in
-            `Scheme`; they may contain Functions and Constants on `mesh`. The couple that acts is
-            `m`; `M` is what solutions have: change both.
+            `Scheme`; they may contain Functions and Constants on `mesh`. `m` is the moment that
+            does the virtual work, and `M` the one that solutions have: change both.
         strain_energy : callable, optional
             ``strain_energy(eps, gamma, kappa)`` gives the stored energy at the end of a step [J/m],
-            for `energies` and for solutions; without it the strain energy is nan there.
+            for `energies` and for solutions; without it their strain energy is nan.
         dissipation : callable, optional
             ``dissipation(eps, gamma, kappa)`` gives the energy that is lost in a step of `run`
-            [J/m], after its `update`, from the strains at the end and Functions at both ends of
-            the step. It is part of `Energy.dissipated`.
+            [J/m], from the strains at the end of the step and from Functions. It is evaluated after
+            `update`, and is part of `Energy.dissipated`.
 
         Notes
         -----
@@ -375,8 +375,8 @@ class DolfinxSteps:
         Raises
         ------
         SceneError
-            For symbols on another mesh, of the step before, or without values; also in
-            `natural_strains`. Then all is as before.
+            For symbols on another mesh, of the old `step`, or without values; also in
+            `natural_strains`. The problem is then as before.
         """
         loop = self._equations.loop
         form = StepForm(
@@ -388,24 +388,26 @@ class DolfinxSteps:
     def replace_form(self, F: ufl.Form, energy: ufl.Form | None = None) -> None:
         """Replace the virtual work of all beams by a form as a whole.
 
-        Inertia, drag, loads, joints, forces at points and added terms stay those of the scene. N, Q
-        and M of a solution are nan then, as they are in no form.
+        Inertia, drag, loads, joints, forces at points and added terms remain those of the scene. N,
+        Q and M of a solution are then nan, as the form does not define them.
 
         Parameters
         ----------
         F : ufl.Form
-            Virtual work of the beams over `mesh`, linear in `test`: of `start`, `increment` and
-            what follows from them in `step`, and of Functions and Constants on `mesh`. In a step of
-            `Equilibrium` it may be ``ufl.derivative(Pi, problem.increment, problem.test)``.
+            Virtual work of the beams over `mesh`, linear in `test`. It may contain `start`,
+            `increment`, fields of `step` that depend on these, and Functions and Constants on
+            `mesh`. In a step of `Equilibrium` it may be ``ufl.derivative(Pi, problem.increment,
+            problem.test)``.
         energy : ufl.Form, optional
-            Stored energy Pi [J] of `start` and `increment`, at the end of the step, for `energies`
-            and for solutions; without it the strain energy is nan there.
+            Stored energy Pi [J] at the end of the step, as a function of `start` and `increment`,
+            for `energies` and for solutions; without it their strain energy is nan.
 
         Raises
         ------
         SceneError
-            For what is no such form, and in scenes with retardation, internal variables, or natural
-            strains, and schemes with losses, which would be in no form. Then all is as before.
+            For anything that is no such form; in scenes with retardation, internal variables or
+            natural strains, and with schemes that damp, as the form would not contain these
+            effects. The problem is then as before.
         """
         self._form.replace_work(F, energy)
         self.resultants = self._form.fields.resultants
@@ -414,11 +416,12 @@ class DolfinxSteps:
     def natural_strains(self) -> Expr | None:
         """Axial strain, shear strain and curvature (3,) without stress, in UFL; None for none.
 
-        They may contain Functions that other problems compute on `mesh` between steps, such as a
-        temperature. They are evaluated at the Gauss points before each step, for its end, and
-        replace the natural strains of the scene, which needs some: ``scene.add_natural_strain(beam,
-        axial=0.0)``. The first step starts with the natural strains of the scene and ends with the
-        ones given here. What changes them does work, which is part of `Energy.work`.
+        The expression may contain Functions that other problems compute on `mesh` between steps,
+        such as a temperature. It is evaluated at the Gauss points before each step, as the value at
+        the end of the step, and replaces the natural strains of the scene. The scene needs some
+        natural strain for this: ``scene.add_natural_strain(beam, axial=0.0)``. The first step
+        starts with the natural strains of the scene and ends with this expression. The work of
+        changing natural strains is part of `Energy.work`.
         """
         return self._form.natural
 
@@ -438,10 +441,11 @@ class DolfinxSteps:
 
     @property
     def F(self) -> ufl.Form:
-        """Residual of a step without inertia, whose rates are nodal, and forces at points.
+        """Residual of a step as a form, without inertia and forces at points.
 
-        A user's own tags of cells do not compile with those of `cell_tags` in one form, and FFCx
-        0.5 confuses Gauss rules: where there are several, assemble the forms of `parts`.
+        If terms that you add have other tags of cells than `cell_tags`, or another number of Gauss
+        points, assemble the forms of `parts` one by one: two kinds of tags do not compile in one
+        form, and FFCx 0.5 confuses several Gauss rules.
         """
         return self._form.F
 
@@ -454,16 +458,16 @@ class DolfinxSteps:
     def F_inertia(self) -> ufl.Form:
         """Inertia of beams in a step, for schemes of Newmark's family.
 
-        F, this and minus `loads` are the residual of `system`, but for lumped masses and forces at
-        points; assemble each alone, as their Gauss rules differ. Other schemes have nodal
-        accelerations: their inertia is `reduced_equations.M` times them, and no integral; then
-        this is a SceneError.
+        `F` plus this form minus `loads` is the residual of `system`, without lumped masses and
+        forces at points. Assemble each form alone, as their Gauss rules differ. The inertia of
+        other schemes is `System.M` times nodal accelerations and no form; reading this attribute is
+        then a SceneError.
         """
         return self._form.inertia(self._equations.model)
 
     @property
     def loads(self) -> np.ndarray:
-        """Dead loads and gravity (size,) of the last step at its level, as in `system` [N, N m]."""
+        """Dead loads and gravity (size,) in the last step, ordered as in `system` [N, N m]."""
         return self._equations.dead.copy()
 
     @property
@@ -481,20 +485,21 @@ class DolfinxSteps:
         Parameters
         ----------
         expression : ufl expression or list
-            In the last step; or one for each material, as `resultants` are.
+            An expression of the last step, or a list with one for each material, as `resultants`
+            is.
         points : (m,) float, optional
             Places in an element, from 0 to 1; by default the Gauss points of the internal forces.
 
         Returns
         -------
         (cells, m, ...) float array
-            Beam by beam, along each.
+            The values, beam by beam, and along each beam from its start.
 
         Raises
         ------
         SceneError
             For symbols on another mesh, of a step before `replace_resultants`, or without values;
-            for a list of another length, and for places outside elements.
+            for a list whose length is not the number of materials, and for places outside elements.
         """
         parts = [*map(ufl.as_ufl, expression if isinstance(expression, list) else [expression])]
         ok = not isinstance(expression, list) or len(parts) == len(self.resultants)
@@ -520,7 +525,7 @@ class DolfinxSteps:
         Returns
         -------
         dolfinx.fem.Function
-            Discontinuous, of one degree less than the elements.
+            A discontinuous Function, of one degree less than the elements.
         """
         values = self.at_points(expression)
         expected = "a scalar or a vector"
@@ -533,14 +538,14 @@ class DolfinxSteps:
         Parameters
         ----------
         name : str
-            Its name, in files.
+            Name of the Function, in files.
         shape : tuple, optional
             Shape of a value: a scalar, or (n,) of a vector.
 
         Returns
         -------
         dolfinx.fem.Function
-            For internal variables of one's own.
+            The Function, such as for internal variables of your own.
         """
         return self.interpolate(ufl.zero(*shape), name)
 

@@ -421,27 +421,27 @@ def sweep(
         Cases: parameters by name, or the rows of a table.
     executor : concurrent.futures.Executor or int, optional
         Any executor that runs the cases, or the number of processes; by default one process with
-        one thread for each core. If one of these is killed, its case is repeated after all others,
-        alone, and fails if its process dies again; with your own executor this depends on the
-        executor. Under ``mpirun -n N python -m mpi4py.futures`` give an
+        one thread for each core. If one of these processes is killed, its case is repeated alone
+        after all others, and fails if its process dies again; with your own executor this depends
+        on the executor. Under ``mpirun -n N python -m mpi4py.futures`` give an
         ``mpi4py.futures.MPIPoolExecutor``.
     results : path, optional
         File to which each row is appended as it finishes, a line of JSON with "case", "result",
-        "seconds" and "error". Cases in the file, also failed ones, are not run again: so you can
-        continue a sweep that was interrupted.
+        "seconds" and "error". Cases in the file, also those that failed, are not run again: an
+        interrupted sweep continues.
     chunksize : int, optional
-        Number of rows of a table. The sweep then gives an iterator of tables, and computes one
+        Number of rows of a table. The sweep is then an iterator of tables, and computes each table
         when it is asked for: of a million cases, only those of one table are in memory. `cases` may
         be a generator. Workers wait for the last case of each table: choose many more cases than
         workers.
     timeout : float, optional
-        Longest time for a case [s], that in which its forms are compiled included. A case that
-        takes longer fails, and its process is ended. Not with an executor of your own.
+        Longest time for a case [s], including the time in which its forms are compiled. A case that
+        takes longer fails, and its process is ended. Refused with an executor of your own.
     threads : int, optional
         Number of threads of this process that run the cases, in the place of processes. The
-        function may be any one, also a local one, and needs no ``if __name__ == "__main__"``; it
-        is called by several threads at the same time. Scenes of one structure share a program, and
-        take their steps at once; Python runs in one thread at a time.
+        function may then be local, and needs no ``if __name__ == "__main__"``; several threads call
+        it at the same time. Scenes of one structure share a program, and their steps run in
+        parallel; Python runs in one thread at a time.
 
     Returns
     -------
@@ -456,10 +456,10 @@ def sweep(
         If an argument is invalid, or if the worker processes cannot start.
     KeyboardInterrupt
         If interrupted, after all worker processes, or the cases that run in threads, have ended.
-        Its attribute `rows` has the rows that were finished before, with `chunksize` those of the
-        table that was begun.
+        Its attribute `rows` has the rows that were finished, with `chunksize` those of the current
+        table.
     concurrent.futures.BrokenExecutor
-        If an executor of your own breaks. It has the attribute `rows` as well.
+        If an executor of your own breaks. The exception has the attribute `rows` as well.
 
     Examples
     --------
