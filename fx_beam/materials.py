@@ -18,20 +18,20 @@ __all__ = ["Material"]
 class Material:
     """A linear elastic material: ``Section.rectangle(0.02, 0.01, **material)`` reads it.
 
-    Of an isotropic one ``*material`` gives E, nu and rho by their order.
+    Of an isotropic material ``*material`` gives E, nu and rho in this order.
 
     Parameters
     ----------
     E : float
         Young's modulus [Pa].
     nu : float or None
-        Poisson's ratio; None for one that is not isotropic, with `G`.
+        Poisson's ratio; None for a material that is not isotropic, which has a `G`.
     rho : float
         Mass density [kg/m^3].
     alpha : float
         Linear thermal expansion [1/K], for `thermal`.
     source : str
-        Where the values are from.
+        Source of the values.
     G : float, optional
         Shear modulus [Pa]; by default that of an isotropic material, E / (2 (1 + nu)).
 

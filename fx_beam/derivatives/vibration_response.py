@@ -74,7 +74,7 @@ class ModalResponse(ParameterFunction):
         ``state(scene)`` computes the equilibrium about which the scene vibrates, such as ``lambda
         scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``; by default
         the reference configuration without loads. If springs are under tension there, a warning
-        says that the stiffness has no part from the forces with which they load the members.
+        says that the stiffness does not include the forces with which they load the members.
     damped : bool
         Whether damping is included: ``w`` is then (n, 2), with frequencies and damping ratios, as
         in `modes`.
@@ -425,7 +425,7 @@ class HarmonicResponse(ParameterFunction):
         ``state(scene)`` computes the equilibrium about which the scene vibrates, such as ``lambda
         scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``; by default
         the reference configuration without loads. If springs are under tension there, a warning
-        says that the stiffness has no part from the forces with which they load the members.
+        says that the stiffness does not include the forces with which they load the members.
     base : (2,) complex, optional
         Amplitudes of the displacement of the base [m], as in `frequency_response`; then the load
         that `build` gives is None.

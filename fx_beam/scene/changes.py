@@ -15,14 +15,14 @@ from .removal import joint_of, locked
 
 @dataclass(frozen=True)
 class Latch:
-    """A latch that closes where a joint reaches a value, and holds it there from then on.
+    """A latch that closes when a joint reaches a value, and holds the joint there from then on.
 
     For the `changes` of `simulate`. Velocities are projected by the mass, as in a plastic impact:
     `Energy.impact` is the energy that is lost. The force of the latch is `JointMotion.motor_force`.
 
-    A joint that begins at this value is not caught there, but when it comes back; `Scene.lock`
-    holds it from the start. Of several latches of a joint the one that it reaches first closes, and
-    the others have no effect any more.
+    A joint that starts at this value is not caught at the start, but when it returns; `Scene.lock`
+    holds a joint from the start. Of several latches of a joint only the one that is reached first
+    closes; the others then have no effect.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Latch:
     at : float
         The slide [m] or relative rotation [rad], reached from either side.
     coordinate : {"slide", "rotation"}, optional
-        The coordinate that is held, for joints that have both.
+        The coordinate to be held, for joints that have both.
 
     Raises
     ------
@@ -64,17 +64,18 @@ class Latch:
 
 @dataclass(frozen=True)
 class Fuse:
-    """A joint that breaks when its force reaches a limit, and is taken away.
+    """A joint that breaks when its force reaches a limit; it is then removed.
 
-    For the `changes` of `simulate`. The force is the mean over a step. It reaches the limit in the
-    step that ends there; what impacts take from the motion at one instant does not count.
+    For the `changes` of `simulate`. The force is the mean over a step. The joint breaks at the end
+    of the step in which the force reaches the limit. Impulses of impacts in an instant
+    (`Energy.impact`) do not count.
 
     Parameters
     ----------
     joint : Joint
         A joint of the scene.
     force : float
-        Largest magnitude of its force [N].
+        Largest magnitude of the force of the joint [N].
 
     Raises
     ------

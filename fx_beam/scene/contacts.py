@@ -74,7 +74,7 @@ class Shape:
 
     @property
     def carrier(self) -> Node | None:
-        """The node that carries it; None for a fixed one."""
+        """The node that carries the shape; None if it is fixed."""
         place = getattr(self, self._place)
         return place if isinstance(place, Node) else None
 
@@ -88,7 +88,7 @@ class Shape:
         return replace(self, **{self._place: place})
 
     def gap(self, positions) -> np.ndarray:
-        """Distances of positions from the shape; from a carried one in its reference configuration.
+        """Distances of positions from the shape in its reference configuration.
 
         Parameters
         ----------
@@ -130,15 +130,14 @@ class Shape:
 
 @dataclass(frozen=True)
 class Line(Shape):
-    """A straight wall, fixed or carried by a node; contact keeps nodes on the side of its normal.
+    """A straight wall, fixed or carried by a node; contact keeps nodes on the side of the normal.
 
     Parameters
     ----------
     point : (x, y) or Node
-        A point of the wall [m]; or a node of a beam or body with which it moves and turns.
+        A point of the wall [m]; or a node of a beam or body, with which the wall moves and turns.
     normal : (x, y)
-        Direction from the wall to the free side, of any length; in the reference configuration if
-        it is carried by a node.
+        Direction from the wall to the free side, of any length, in the reference configuration.
 
     Raises
     ------
@@ -183,14 +182,14 @@ class Line(Shape):
 
 @dataclass(frozen=True)
 class Circle(Shape):
-    """A circle, fixed or carried by a node; others stay outside of it, or inside.
+    """A circle, fixed or carried by a node; contact keeps nodes outside, or inside.
 
     Parameters
     ----------
     centre : (x, y) or Node
-        Its centre [m]; or a node of a beam or body with which it moves.
+        The centre [m]; or a node of a beam or body, with which the circle moves.
     radius : float
-        Its radius [m].
+        Radius [m].
     inside : bool
         Whether nodes stay inside.
 
@@ -257,11 +256,12 @@ class Contact(OneSided):
     Parameters
     ----------
     target : Node or Beam
-        What touches.
+        The node or beam that touches the shape.
     shape : Line, Circle or Beam
-        The line or circle, fixed or carried by a node; or the member that it touches.
+        The line or circle, fixed or carried by a node; or the other beam.
     stiffness : float
-        Stiffness of a node [N/m], of a beam per length [N/m^2]; 1 with an energy.
+        Stiffness of the contact of a node [N/m], or of a beam, per length [N/m^2]; 1 with an
+        energy.
     restitution : float
         Coefficient of restitution e.
     speed : float, optional
@@ -269,12 +269,12 @@ class Contact(OneSided):
     number : int
         Number among the scene's contacts.
     energy : callable, optional
-        Stored energy of the depth, in the place of a stiffness.
+        Stored energy as a function of the depth, in the place of a stiffness.
     radius : float or pair
-        Half of the thickness of a beam, or radius of a ball around a node [m]; between members that
-        of both.
+        Half of the thickness of a beam, or radius of a ball around a node [m]; between members a
+        pair, one for each.
     along : int, optional
-        Number of integration points in each element of a beam; without it its nodes touch.
+        Number of points in each element of a beam that may touch; by default its nodes.
     friction : Coulomb, optional
         Friction that sticks.
 
@@ -343,12 +343,12 @@ class Contact(OneSided):
 
     @property
     def radii(self) -> float:
-        """Half thickness of what touches; between members the sum of both [m]."""
+        """Half thickness or radius of the target; between members the sum of both [m]."""
         return float(np.sum(self.radius))
 
     @property
     def apart(self) -> float:
-        """How far apart along a member its parts must be to touch one another [m]."""
+        """Least distance along a beam of two of its points that may touch each other [m]."""
         longest = np.hypot(*np.diff(reference_positions(self.target), axis=0).T).max(initial=0.0)
         return float(np.pi / 2 * self.radii + 2 * longest)
 

@@ -62,12 +62,13 @@ class Stop(OneSided):
         Limits of the slide [m] or of the relative rotation [rad]; None for no stop at this end.
         The coordinate starts between them.
     stiffness : float
-        Stiffness k [N/m or N m/rad]. A mass m with the speed v passes the limit by
-        v sqrt(m / k), for the time pi sqrt(m / k).
+        Stiffness k [N/m or N m/rad]. With e = 1 a mass m with the speed v goes beyond the limit by
+        v sqrt(m / k), and returns after the time pi sqrt(m / k).
     restitution : float
-        Coefficient of restitution e from 0 to 1: the speed after an impact, relative to that before
-        it; below 0.02 it is 0.02. It holds for impacts at v far above `speed`: the square of the
-        ratio is larger by c (speed / v)^2, with c = 0.16, 0.98, 3.3 for e = 0.9, 0.5, 0.2.
+        Coefficient of restitution e from 0 to 1: the speed after an impact, relative to the speed v
+        before it; values below 0.02 are taken as 0.02. It holds for v far above `speed`: the square
+        of the ratio of the speeds is e^2 + c (speed / v)^2, with c = 0.16, 0.98, 3.3 for e = 0.9,
+        0.5, 0.2.
     speed : float, optional
         Rate [m/s or rad/s] below which the loss is viscous; required for e < 1. Try a hundredth of
         the speed of the impacts. At rest the force is k d, without a loss.
@@ -75,11 +76,11 @@ class Stop(OneSided):
     Raises
     ------
     SceneError
-        Without a limit, for a lower limit above the upper one, or for a value out of range.
+        If both limits are None, for a lower limit above the upper one, or for a value out of range.
 
     Examples
     --------
-    A slide that starts at 0 and stops at 0.5 m. It gives back the energy of the block.
+    A slide that starts at 0, with a stop at 0.5 m that returns the energy of the block.
 
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
@@ -158,33 +159,34 @@ def _refuse_functions(part: object, names: tuple[str, ...], place: str) -> None:
 class Coulomb:
     """Coulomb friction that sticks: at most mu times the normal force, and elastic below.
 
-    Along the surface a spring of the stiffness kt is stretched by z, with a damping of its own, the
-    time tau. Its force is kt (z + tau dz/dt) while it sticks, as in the LuGre model. If this is
-    above mu N the contact slips, with the force mu N, from which dz/dt follows. The spring stores
-    kt z^2 / 2. The rest of the work is lost; it is never negative. When the contact opens the
-    energy of the spring is lost as well.
+    A spring of the stiffness kt and the damping time tau acts along the surface; its stretch is z.
+    While the contact sticks, the friction is kt (z + tau dz/dt), as in the LuGre model. If this
+    were above mu N, with the normal force N, the contact slips: the friction is mu N, and dz/dt
+    follows from it. The spring stores kt z^2 / 2. The rest of the work of friction is lost and
+    never negative. When the contact opens, the energy of the spring is lost as well.
 
-    On a joint N is the force of the joint in the same step: of a slide the part across its axis, or
-    across the beam, and of a pin all of it, which has the moment mu R N on the radius R of the pin.
+    In a joint N is the force of the joint in the same step: on a slide its component across the
+    axis, or across the beam; on a pin of radius R its magnitude, and the moment of friction is at
+    most mu R N.
 
-    A contact that sticks does not creep. In steps that are longer than 2 tau it is damped by the
-    step, as a spring with a viscosity of kt dt / 2.
+    A contact that sticks does not creep. Steps dt longer than 2 tau add damping: the viscosity of
+    the spring is then kt dt / 2.
 
     Parameters
     ----------
     mu : float
         Coefficient of friction.
     stiffness : float
-        Stiffness kt of a node along the surface [N/m], of a beam per length [N/m^2]; of a slide
-        [N/m] and of a pin [N m/rad]. Try that of the contact, and a hundred times that where what
-        lands without restitution sticks: a leg, a rod, a rimless wheel.
+        Stiffness kt along the surface: of a node [N/m], of a beam, per length [N/m^2], of a slide
+        [N/m], of a pin [N m/rad]. Try the stiffness of the contact. Where a body lands without
+        restitution and sticks, as a leg, a rod or a rimless wheel, try a hundred times as much.
     radius : float, optional
         Radius R of a pin [m], for the rotation of a joint.
     damping : float, optional
-        Time tau [s]. By default that of critical damping, 2 sqrt(m / kt), with the mass m that the
-        spring holds: of the node (the lighter of both) with what joints fix to it, of a slide, or
-        the inertia of a rotation, both about the centre of mass of what is free;
-        `Stats.friction_damping` has it. With 0 the steps alone damp.
+        Time tau [s]. By default that of critical damping, 2 sqrt(m / kt). Here m is the mass that
+        the spring holds: that of the node (the lighter of two) and of all that joints fix to it,
+        the mass that a slide moves, or the inertia that a pin turns, both about the centre of mass
+        of the free parts. `Stats.friction_damping` has the time. With 0 only the steps damp.
 
     Raises
     ------
@@ -243,7 +245,7 @@ def numbers_of_loss(part: OneSided, static: bool) -> list[float]:
 
 @dataclass(frozen=True)
 class Spring:
-    """Spring on a joint's free coordinate: linear, by a stored energy of its own, or both.
+    """Spring on a joint's free coordinate: linear, with a stored energy of your own, or both.
 
     Parameters
     ----------
@@ -252,9 +254,9 @@ class Spring:
     rest : float
         Slide [m] or relative rotation [rad] at which the spring is free of force.
     strain_energy : callable, optional
-        ``strain_energy(x)``, the further stored energy [J] as a UFL expression of the slide [m] or
-        relative rotation [rad] x since `rest`. The force is its derivative. With `internal` it has
-        a second argument, the vector of internal variables.
+        ``strain_energy(x)``, the stored energy [J] besides that of `stiffness`, as a UFL expression
+        of the slide [m] or relative rotation [rad] x since `rest`. The force is its derivative.
+        With `internal` it has a second argument, the vector of internal variables.
     internal : InternalVariables, optional
         Variables by which the spring remembers its past: a hinge that yields or relaxes. The
         strains in their update are (x,).
@@ -262,8 +264,8 @@ class Spring:
     Raises
     ------
     SceneError
-        For a negative stiffness, a stored energy that is no UFL expression of all its arguments,
-        or an update that does not fit it.
+        For a negative stiffness, a stored energy that is no UFL expression of all its arguments, or
+        an update of internal variables that does not fit the energy.
 
     Examples
     --------
@@ -312,16 +314,16 @@ class Spring:
 
 @dataclass(frozen=True)
 class Damper:
-    """Damper on a joint's free coordinate: linear, by a law of its own, or the sum of both.
+    """Damper on a joint's free coordinate: linear, with a law of your own, or the sum of both.
 
     Parameters
     ----------
     viscosity : float
         Force per slide rate [N s/m], or moment per relative spin [N m s/rad].
     law : callable, optional
-        ``law(rate)``, the further force [N] or moment [N m] at a rate [m/s or rad/s], as a UFL
-        expression; positive against a positive rate. It is compiled; at rates from 1e-6 to 1e4 of
-        both signs it must not drive.
+        ``law(rate)``, the force [N] or moment [N m] besides that of `viscosity`, as a UFL
+        expression of the rate [m/s or rad/s]; positive if it acts against a positive rate. It must
+        not drive the motion, which is checked at rates from 1e-6 to 1e4 of both signs.
 
     Raises
     ------
@@ -353,17 +355,19 @@ class Damper:
 class SmoothFriction:
     """Coulomb friction on a joint's free coordinate, of constant magnitude, regularised.
 
-    The force is F tanh(rate / speed): above 3 times the speed it is F up to 0.5 %. Below it is
-    viscous, so that a joint under a smaller load creeps slowly instead of sticking.
+    The force is F tanh(rate / speed): above 3 times the speed it is F up to 0.5 %. At lower rates
+    it is viscous, so that a joint under a load smaller than F creeps slowly instead of sticking.
 
     Parameters
     ----------
     force : float or callable
         Magnitude F of the force on a slide [N], or of the moment on a relative rotation [N m]; or
-        ``force(rate)``, a UFL expression of the rate that is not negative, such as Stribeck's.
+        ``force(rate)``, a UFL expression of the rate whose values are not negative, such as
+        Stribeck's law.
     speed : float
-        Rate [m/s or rad/s], small compared with those of the motion. A body that is braked from the
-        rate v stops in a distance that is longer by the fraction pi^2/6 (speed/v)^2.
+        Rate [m/s or rad/s], small compared with the rates of the motion. The stopping distance of a
+        body with the initial rate v is longer than that of ideal friction by the fraction pi^2/6
+        (speed/v)^2.
 
     Raises
     ------

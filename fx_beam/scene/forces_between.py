@@ -53,7 +53,7 @@ class FixedPoint:
 
 @dataclass(frozen=True, eq=False)
 class ForceBetween:
-    """A force along the line between two points, or a rope over several.
+    """A force along the line between two points, or a rope over several points.
 
     Created by `Scene.add_force_between` and `Scene.add_rope`.
 
@@ -68,7 +68,7 @@ class ForceBetween:
     number : int
         Index in the scene's forces between points.
     own : tuple of str
-        Names of the parameters that it has alone.
+        Names of parameters that belong to this force only.
 
     Examples
     --------
@@ -360,19 +360,19 @@ class Pulley:
     r"""A circle on which a rope lies: a pulley, or at an end of the rope a drum.
 
     For `Scene.add_rope`. Between two points of the rope a pulley turns freely and has no friction,
-    so that the tension is the same on both sides. At an end it is a drum: the rope is wound on it,
-    does not slip, and turns with its node. With ropes to both of its sides a drum is a pulley with
-    inertia on which the rope does not slip.
+    so that the tension is the same on both sides. At an end of the rope the circle is a drum, which
+    turns with its node: the rope is wound on it and does not slip. A drum at which one rope ends
+    and another one begins is a pulley with inertia, on which the rope does not slip.
 
     Parameters
     ----------
     at : Node or (x, y)
-        The centre: a node of a body or beam, which moves, or a fixed place [m].
+        The centre: a node of a body or beam, or a fixed position [m].
     radius : float
         Radius R to the middle of the rope [m].
     side : {"left", "right"}
-        On which side of the rope the centre is, seen along the rope from its first point: a rope
-        turns to the left about a pulley on its left.
+        Side of the rope on which the centre is, looking along the rope from its first point. A rope
+        turns to the left around a pulley on its left.
 
     Raises
     ------
@@ -593,7 +593,7 @@ class GroundSpring(ForceBetween):
     """A spring, damper, friction and stops between a node or a beam and the ground.
 
     Created by `Scene.add_spring` and `Scene.add_bed`. It acts on the displacement along one
-    direction, or on the rotation of a node. Of a beam all laws are per length.
+    direction, or on the rotation of a node. On a beam all laws are per length.
 
     Parameters
     ----------
@@ -606,9 +606,9 @@ class GroundSpring(ForceBetween):
     number : int
         Index in the scene's forces between points.
     own : tuple of str
-        Names of the parameters that it has alone.
+        Names of parameters that belong to this force only.
     target : Node or Beam
-        What is held.
+        The node or beam that is held.
     direction : (2,) float or None
         Direction of the displacement: of a node along x and y, of a beam along its axis and to the
         left of it; None for the rotation.
@@ -675,14 +675,15 @@ class GroundSpring(ForceBetween):
 
 
 class GroundSprings(NamedTuple):
-    """Springs of a node to the ground along x, y and against rotation; None where there is none.
+    """Springs of a node to the ground along x and y, and against rotation.
 
     Returned by `Scene.add_spring`.
 
     Parameters
     ----------
     x, y, rotation : GroundSpring or None
-        Each as `Solution.joint`, `Output` and `Scene.remove` take it.
+        The spring of each direction, for `Solution.joint`, `Output` and `Scene.remove`; None where
+        there is no spring.
 
     Examples
     --------
@@ -700,14 +701,15 @@ class GroundSprings(NamedTuple):
 
 
 class Bed(NamedTuple):
-    """Springs of a beam to the ground, across it and along it; None where there is none.
+    """Springs of a beam to the ground, across the beam and along it.
 
     Returned by `Scene.add_bed`.
 
     Parameters
     ----------
     normal, tangential : GroundSpring or None
-        Each as `Solution.joint`, `Output` and `Scene.remove` take it.
+        The spring of each direction, for `Solution.joint`, `Output` and `Scene.remove`; None where
+        there is no spring.
 
     Examples
     --------

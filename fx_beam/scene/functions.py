@@ -438,9 +438,9 @@ class Accelerogram(Signal):
 class Input:
     """A load, a motion, the position of a motor or a `Parameter` that is set from outside, by name.
 
-    It can be given instead of a function of time. Loads and motors with the same name have the same
-    input. It is zero until it is set: in `static`, `modes` and `simulate` without `inputs`; the
-    length of a rope is as drawn.
+    Give it in the place of a function of time. Loads and motors with the same name have the same
+    input. An input is zero until it is set: in `static`, `modes` and `simulate` without `inputs`.
+    An input that sets the length of a rope begins with the drawn length.
 
     Parameters
     ----------

@@ -29,11 +29,11 @@ class GearTerm(NamedTuple):
 class Gear:
     r"""A gear between two joints that turn: angle_b = ratio * angle_a.
 
-    For `Scene.add_joint`. The angles are those of the joints, psi_b - psi_a of their nodes since
-    the start, so that what carries a joint may itself move (planetary gears). The relation has no
-    unknown and no multiplier; it does no work and keeps both momenta. With a spring, damper,
-    friction or stop these act on ``angle_b - ratio * angle_a`` instead, and all other motion is
-    free: stiffness, losses and play of the teeth.
+    For `Scene.add_joint`. The angle of a joint is psi_b - psi_a of its nodes since the start, so
+    that the carrier of a joint may itself move (planetary gears). The relation has no unknown and
+    no multiplier, does no work and conserves both momenta. A spring, damper, friction or stop takes
+    the place of the relation: it acts on the difference ``angle_b - ratio * angle_a``, as
+    stiffness, losses and play of the teeth.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ class Gear:
     spring, damper : Spring, Damper, optional
         On the difference of the angles: a moment on b of `joint_b` [N m/rad, N m s/rad].
     friction : SmoothFriction, optional
-        On the difference of the angles. A loss in proportion to the force of the teeth, by an
-        efficiency, is not known: the relation has no force before the step is solved.
+        On the difference of the angles. A loss in proportion to the force of the teeth (an
+        efficiency) is not available: this force is known only when the step is solved.
     stop : Stop or (lower, upper, stiffness), optional
         Play of the difference [rad], and the stiffness of the teeth [N m/rad].
     driven : {"rotation", "slide"}
@@ -54,8 +54,8 @@ class Gear:
     number : int
         Number among the joints of the scene.
     value : float
-        Difference of the angles where it is made [rad]; without laws on it, nothing starts from
-        another one. `Scene.add_joint(gear, at=solution)` finds it.
+        Difference of the angles when the gear is made [rad]; without laws each run must start with
+        this difference. ``Scene.add_joint(gear, at=solution)`` finds it.
 
     Raises
     ------
@@ -64,13 +64,14 @@ class Gear:
 
     Notes
     -----
-    Couples do work on 2 tan(Dpsi/2) in a step. The moment M on b of `joint_b` acts with the factor
-    (Dpsi_b - Dpsi_a) / (2 tan(Dpsi_b/2) - 2 tan(Dpsi_a/2)) of each joint, so that its work in any
-    step is that of the increments of the angles: zero.
+    In a step with the increments Dpsi of rotations a couple does work on 2 tan(Dpsi/2). The moment
+    M on b of `joint_b` is therefore multiplied, for each joint, by (Dpsi_b - Dpsi_a) / (2
+    tan(Dpsi_b/2) - 2 tan(Dpsi_a/2)): its work is that on the increments of the angles, and the work
+    of the gear is zero.
 
     Examples
     --------
-    A rotor behind a ratio of 5 is felt as J_a + 5^2 J_b.
+    A rotor J_b that turns 5 times as fast as J_a: the inertia of both is J_a + 5^2 J_b.
 
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
@@ -217,8 +218,8 @@ class Gear:
 def Rack(joint: Joint, slide: Joint, radius: float) -> Gear:
     """A rack and its pinion: slide = radius * angle, both since the start.
 
-    For `Scene.add_joint`. The slide is that of one joint and the angle that of another one, so that
-    a pinion on a cart, a belt drive and a ball screw are racks as well. It does no work.
+    For `Scene.add_joint`. Slide and angle are those of any two joints, so that a pinion on a cart,
+    a belt drive and a ball screw are racks as well. A rack does no work.
 
     Parameters
     ----------
@@ -232,8 +233,8 @@ def Rack(joint: Joint, slide: Joint, radius: float) -> Gear:
     Returns
     -------
     Gear
-        The rack, for `Scene.add_joint`. It has no laws: play and stiffness are those of a `Gear` of
-        ratio 1 between the pinion and the wheel that drives it.
+        The rack, for `Scene.add_joint`. A rack takes no laws: for play or stiffness, drive the
+        pinion by a wheel and a `Gear` of ratio 1 with these laws.
 
     Raises
     ------
@@ -242,7 +243,8 @@ def Rack(joint: Joint, slide: Joint, radius: float) -> Gear:
 
     Examples
     --------
-    A pinion of radius 0.1 m feels a rack of 5 kg as 5 * 0.1^2 = 0.05 kg m^2.
+    A pinion of radius 0.1 m drives a rack of 5 kg, whose inertia about the pinion is 5 * 0.1^2 =
+    0.05 kg m^2.
 
     >>> import fx_beam as fb
     >>> scene = fb.Scene()

@@ -85,7 +85,7 @@ class Joint:
     a, b : Node
         The nodes; one may be `GROUND`. The offset and the axis rotate with a.
     offset : (2,) float
-        From a to the joint, in the reference configuration [m].
+        Vector from a to the joint, in the reference configuration [m].
     axis : (2,) float, optional
         Unit vector of the slide in the reference configuration.
     slide : Coordinate, optional
@@ -93,9 +93,9 @@ class Joint:
     rotation : Coordinate, optional
         Spring, damper, ... of the relative rotation psi_b - psi_a; None where it is fixed.
     number : int
-        Index in the scene's joints.
+        Index in the joints of the scene.
     place : Place, optional
-        Where its nodes are when it is made, if not in the reference configuration.
+        Positions of the nodes when the joint is made, if not those of the reference configuration.
 
     Examples
     --------
@@ -407,7 +407,7 @@ def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
     a, b : Node
         The nodes; one may be `GROUND`.
     offset : (x, y)
-        From a to b in the reference configuration [m].
+        Vector from a to b in the reference configuration [m].
 
     Returns
     -------
@@ -444,7 +444,7 @@ def Revolute(
     a, b : Node
         The nodes; one may be `GROUND`.
     offset : (x, y)
-        From a to the hinge in the reference configuration [m]; it rotates with a.
+        Vector from a to the hinge in the reference configuration [m]; it rotates with a.
     spring, damper : Spring, Damper, optional
         On the relative rotation psi_b - psi_a.
     motor : callable or Input, optional
@@ -497,11 +497,11 @@ def Prismatic(
     axis : (x, y)
         Direction of the guide in the reference configuration, of any length.
     offset : (x, y)
-        From a to a point of the guide in the reference configuration [m], from which the slide
-        counts along the axis. From the ground it counts from the start of b.
+        Vector from a to a point of the guide in the reference configuration [m]; there the slide is
+        zero. On the ground the slide is zero at the start of b.
     spring, damper : Spring, Damper, optional
-        On the slide, which nodes that are apart along the axis do not start from zero: `rest` is
-        where the spring is free of stress.
+        On the slide, which does not start at zero if the nodes are apart along the axis: `rest` is
+        the slide at which the spring is free of force.
     motor : callable or Input, optional
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
     friction : SmoothFriction or Coulomb, optional
@@ -552,8 +552,8 @@ def PinInSlot(
     axis : (x, y)
         Direction of the slot in the reference configuration, of any length.
     offset : (x, y)
-        From a to a point of the slot in the reference configuration [m], from which the slide
-        counts along the axis. From the ground it counts from the start of b.
+        Vector from a to a point of the slot in the reference configuration [m]; there the slide is
+        zero. On the ground the slide is zero at the start of b.
     spring, damper : Spring, Damper, optional
         On the slide.
     motor : callable or Input, optional

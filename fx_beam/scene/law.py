@@ -40,10 +40,10 @@ class Law:
         Whether the energy is quadratic; the resultants at the mean strain are then the discrete
         gradient.
     data : tuple
-        Its functions and constants: stiffnesses of the sections.
+        Functions and constants in the energy: stiffnesses of the sections.
     ends : tuple of two Laws, optional
-        With internal variables, the laws at the start and at the end of the step; the law itself is
-        at the mean of their variables.
+        With internal variables, the laws with their values at the start and at the end of the step;
+        the law itself has their mean.
 
     Examples
     --------
@@ -256,10 +256,10 @@ def _vector(size: int) -> Expr:
 class InternalVariables:
     """Internal variables of a section at each Gauss point, or of a spring, and their changes.
 
-    They are zero at the start. The stored energy has them as its last argument,
+    The variables a are zero at the start. They are the last argument of the stored energy,
     ``strain_energy(eps, gamma, kappa, a)`` of a section or ``strain_energy(x, a)`` of a `Spring`.
-    The resultants are its derivatives with respect to the strains, and its decrease by the update
-    is dissipated.
+    The resultants are the derivatives of this energy with respect to the strains. The update of a
+    reduces the energy; this part is dissipated.
 
     The update is an implicit Euler step, as an explicit formula without iterations: it gives the
     new variables from the old ones and the new strains. It is computed from the start of a step to
@@ -269,8 +269,8 @@ class InternalVariables:
     Parameters
     ----------
     names : tuple of str
-        A name for each variable, such as "plastic curvature"; in a section none that pictures and
-        files have for something else, such as "M" or "speed".
+        A name for each variable, such as "plastic curvature". Names of other quantities in pictures
+        and files, such as "M" or "speed", are not allowed in a section.
     update : callable
         ``update(old, strains0, strains, dt)`` gives the new variables as UFL expressions, one for
         each name: from `old`, the variables at the start of the step, `strains0`, the strains
@@ -281,15 +281,15 @@ class InternalVariables:
     level : float, optional
         Fraction of a step after which the update holds, from 1/2 to 1. With 1/2 smooth changes, as
         of a viscous material, are of second order in time, and no step gains energy. With 1, sudden
-        changes, as of a material that yields, cause no oscillation; but a step that begins with
-        plastic flow and ends with flow in the other direction may gain energy: it is too large. By
-        default 1/2 if the update depends on `dt`, otherwise 1.
+        changes, as of a material that yields, cause no oscillation; but a step in which plastic
+        flow reverses its direction may gain energy: use smaller steps. By default 1/2 if the update
+        depends on `dt`, otherwise 1.
 
     Raises
     ------
     SceneError
-        For names that are not different texts. `Section` and `Spring` raise it for an update that
-        does not fit them, and if the update gives energy to the motion.
+        For names that are not different texts. `Section` and `Spring` raise this error for an
+        update with other arguments or results, and if the update adds energy.
 
     References
     ----------

@@ -344,8 +344,8 @@ def thermal(alpha: float, temperature):
         Coefficient of thermal expansion [1/K].
     temperature : float, callable or Input
         Rise of the temperature T [K], for an axial strain: a number, or a function of f, of t, or
-        of (f, t), as in `Scene.add_natural_strain`. For a curvature the fall of the temperature
-        along the normal of the beam, -dT/dn [K/m], which points to the left of its direction.
+        of (f, t), as in `Scene.add_natural_strain`. For a curvature it is -dT/dn [K/m], the fall of
+        the temperature along the normal n, which points to the left of the direction of the beam.
 
     Returns
     -------
@@ -431,14 +431,15 @@ def pressure_on(
 
 
 class Shaking(NamedTuple):
-    """The acceleration of the base of a scene along x and y; None where there is none.
+    """The acceleration of the base of a scene along x and y.
 
     Returned by `Scene.shake`.
 
     Parameters
     ----------
     x, y : Load or None
-        Each as `Scene.change` and `Scene.remove` take it.
+        The load of each direction, for `Scene.change` and `Scene.remove`; None where the base does
+        not move.
 
     Examples
     --------

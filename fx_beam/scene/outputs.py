@@ -120,8 +120,8 @@ _OF_CLASSES: dict[type, dict[str, Quantity]] = {
 class Output:
     """A quantity of a part of the scene that `Motion` measures and `linearise` observes.
 
-    `Solution.value` has its rows. `Response` also takes energies of the scene and stress resultants
-    of beams, `StaticResponse` its critical load, `PeriodicResponse` its period.
+    `Solution.value` gives its rows. Responses take further ones: energies of the scene and stress
+    resultants of beams, the critical load (`StaticResponse`) and the period (`PeriodicResponse`).
 
     - of a node: "position" [m], "displacement" [m], "rotation" [rad], "velocity" [m/s], "spin"
       [rad/s], "acceleration" [m/s^2], "reaction" [N, N m]
@@ -142,23 +142,23 @@ class Output:
       [s]
     - of a beam: "N" [N], "Q" [N], "M" [N m]
 
-    They have the names of `Solution`, `JointMotion` and `Energy`. "spring_energy" is also that of
-    stops and obstacles; "total_energy" is the sum of the four before it, "work" and
-    "dissipated_energy" are those since the start; the resultants of a beam are at all its Gauss
-    points. "critical_load" is the load factor of the first critical point of a `StaticResponse`, a
-    single number: a limit point, a bifurcation or flutter; "period" that of the motion of a
-    `PeriodicResponse`.
+    The quantities have the names and meanings of `Solution`, `JointMotion` and `Energy`.
+    "spring_energy" includes stops and obstacles; "total_energy" is the sum of the four energies
+    before it; "work" and "dissipated_energy" count from the start. The resultants of a beam are
+    those at all its Gauss points. "critical_load", a single number, is the load factor at the first
+    critical point of a `StaticResponse`: a limit point, a bifurcation or flutter. "period" is that
+    of the motion of a `PeriodicResponse`.
 
     Parameters
     ----------
     quantity : str
         Name of the quantity.
     of : Node, BeamPlace, Joint, ForceBetween, Contact, Gear, Scene or Beam
-        Where it is measured.
+        The part of the scene that has the quantity.
     component : {"x", "y", "moment"}, optional
-        One component of a quantity that has several; by default all of them.
+        One component of a quantity that has several; by default all components.
     edge : {"lower", "upper"}, optional
-        Of a "stress": the edge of the section.
+        The edge of the section at which a "stress" is wanted.
 
     Raises
     ------
@@ -210,12 +210,12 @@ class Output:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of its components; empty for a single number."""
+        """Names of the components; empty for a single number."""
         return () if self.component else quantity_of(self).components
 
     @property
     def unit(self) -> str:
-        """SI unit of its values; "N, N m" for forces with their moment."""
+        """SI unit of the values; "N, N m" for forces with their moment."""
         units = quantity_of(self).unit.split(" or ")
         unit = units[-1 if self._turns else 0]
         if self.component is None:

@@ -259,9 +259,9 @@ class Section:
     `strain_energy` gives another one.
 
     Each stiffness and inertia may be a function of the fraction of the arc length, from 0 at the
-    start of the beam to 1 at its end, for a tapered or stepped beam. The function takes and
-    returns a number; it may use Python, NumPy or UFL. It is evaluated at the Gauss points: a jump
-    between two elements is exact; of one inside an element `add_beam` warns.
+    start of the beam to 1 at its end, for a tapered or stepped beam. The function takes and returns
+    a number; it may use Python, NumPy or UFL. It is evaluated at the Gauss points: a jump between
+    two elements is exact; for a jump inside an element `add_beam` warns.
 
     Parameters
     ----------
@@ -276,25 +276,27 @@ class Section:
     rhoI : float or callable
         Rotary inertia per length [kg m].
     strain_energy : callable, optional
-        ``strain_energy(eps, gamma, kappa)``, the stored energy per length [J/m] as a UFL
-        expression in axial strain, shear strain and curvature [1/m]. It replaces the quadratic
-        energy; EA, GA and EI may then be omitted. With `internal` it has a fourth argument, the
-        vector of internal variables.
+        ``strain_energy(eps, gamma, kappa)``, the stored energy per length [J/m] as a UFL expression
+        of axial strain, shear strain and curvature [1/m]. It replaces the quadratic energy; EA, GA
+        and EI may then be omitted. With `internal` it has a fourth argument, the vector of internal
+        variables.
     retardation : float, callable or a triple of them, optional
-        Retardation times of a Kelvin-Voigt material [s], for axial, shear and bending strains, or
-        one for all. The resultants get the addition C tau dE/dt, with the stiffness C of the
-        undeformed section. A vibration of angular frequency w has the damping ratio tau w/2. No
-        damping by default. With `strain_energy` it must be one time for all strains.
+        Retardation times tau of a Kelvin-Voigt material [s], for axial, shear and bending strains,
+        or one time for all. The term C tau dE/dt is added to the resultants, with the stiffness C
+        of the undeformed section and the strain E. A vibration of angular frequency w has the
+        damping ratio tau w/2. No damping by default. With `strain_energy` there must be one time
+        for all strains.
     internal : InternalVariables, optional
         Internal variables of a material whose state depends on the past, such as a plastic
         curvature. They need a `strain_energy`.
 
     A, I, As : float or callable, optional
-        Area [m^2], second moment of area [m^4] and shear area [m^2], from which `Solution.stress`
-        follows. The constructors below know them.
+        Area [m^2], second moment of area [m^4] and shear area [m^2], for `Solution.stress`. The
+        constructors below set them.
     edges : (float, float) or two callables, optional
-        Places of the lower and the upper edge [m]: distances from the axis to the left of the
-        beam's direction, the lower one negative. The axis is the line of centroids.
+        Positions of the lower and the upper edge [m]: distances from the axis, positive to the left
+        of the beam's direction, so that the lower one is negative. The axis is the line of
+        centroids.
 
     Raises
     ------
@@ -512,7 +514,7 @@ class Section:
     def box(cls, height: Datum, width: Datum, thickness: Datum):
         """Rectangular hollow section with sharp corners.
 
-        By default the shear area is that of the two walls along the height.
+        By default the shear area is the area of the two walls along the height.
 
         Parameters
         ----------
@@ -595,7 +597,8 @@ class Section:
     ):
         """Section of a web with two flanges on one side, which bends in the plane of the web.
 
-        It is held against torsion. The shear area is as of `i_beam`.
+        The model is that of a channel which is held against torsion. The default shear area is that
+        of `i_beam`.
 
         Parameters
         ----------
@@ -630,8 +633,9 @@ class Section:
     def angle(cls, h: Datum, b: Datum, t: Datum, r: Datum = 0.0, toe: Datum = 0.0):
         """Section of two legs, the lower one across the plane of motion.
 
-        It is held so that it bends in the plane: its principal axes are turned against it. By
-        default the shear area is 5/6 of that of the leg in the plane.
+        The principal axes of an angle are inclined to the plane of motion. The model is that of an
+        angle which is held so that it bends in the plane. By default the shear area is 5/6 of the
+        area of the leg in the plane.
 
         Parameters
         ----------
@@ -662,7 +666,7 @@ class Section:
     def tee(cls, h: Datum, b: Datum, tw: Datum, tf: Datum, r: Datum = 0.0):
         """Section of a web with a flange at its upper edge.
 
-        By default the shear area is 5/6 of that of the web over the whole depth.
+        By default the shear area is 5/6 of the area of the web over the whole depth.
 
         Parameters
         ----------

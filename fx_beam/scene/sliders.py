@@ -379,29 +379,30 @@ def Slider(
 ) -> SlidingJoint:
     """A node that slides along a flexible beam, over all of its elements; it rotates freely.
 
-    The node lies on the axis of the beam, which is made smooth where elements meet. It is a node of
-    another beam or of a body. Node and beam have opposite forces, so that momenta are conserved,
-    and these forces do no work. `JointMotion.slide` is the arc length from the start of the beam
-    [m]. If the node reaches an end of the beam, the run ends with a `StepError` of the kind "off
-    the end".
+    The node lies on the axis of the beam, which is smoothed where elements meet, and belongs to
+    another beam or to a body. The forces on node and beam are opposite, so that momenta are
+    conserved, and do no work. `JointMotion.slide` is the arc length from the start of the beam [m].
+    If the node reaches an end of the beam, the run ends with a `StepError` of the kind "off the
+    end".
 
     Parameters
     ----------
     beam : Beam
-        The beam that guides.
+        The beam along which the node slides.
     node : Node
         The node that slides, of another beam or of a body. It must lie on the beam at the start.
-        On `GROUND`, or on a node that is supported or driven already, the beam slides through a
-        guide: the joint has a node b of its own there, which a rigid joint holds.
+        With `GROUND`, or with a node that is supported or driven already, the beam slides through a
+        guide at this place: the joint then has a node b of its own, which a rigid joint holds
+        there.
     fraction : float, optional
-        Its place at the start, as a fraction of the beam's length; by default the nearest point.
-        Needed where the beam crosses itself, and on the ground.
+        Position of the node at the start, as a fraction of the length of the beam; by default the
+        nearest point of the beam. Needed where the beam crosses itself, and on the ground.
     spring, damper : Spring, Damper, optional
         On the arc length. The `rest` of the spring is an arc length.
     motor : callable or Input, optional
         ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
     friction : SmoothFriction or Coulomb, optional
-        On the arc length. That of Coulomb follows the force across the beam.
+        On the arc length. `Coulomb` friction follows the force across the beam.
     stop : Stop or (lower, upper, stiffness), optional
         On the arc length [m, N/m], before an end of the beam is reached; a limit may be None.
 
@@ -456,19 +457,21 @@ def Sleeve(
     Parameters
     ----------
     beam : Beam
-        The beam that guides; it has no corners.
+        The beam along which the node slides, without corners.
     node : Node
         The node that slides, of another beam or of a body. It must lie on the beam at the start.
-        On `GROUND`, or on a node that is supported or driven already, the beam slides through a
-        guide: the joint has a node b of its own there, which a rigid joint holds.
+        With `GROUND`, or with a node that is supported or driven already, the beam slides through a
+        guide at this place: the joint then has a node b of its own, which a rigid joint holds
+        there.
     fraction : float, optional
-        Its place at the start, as a fraction of the beam's length; by default the nearest point.
+        Position of the node at the start, as a fraction of the length of the beam; by default the
+        nearest point of the beam.
     spring, damper : Spring, Damper, optional
         On the arc length.
     motor : callable or Input, optional
         ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
     friction : SmoothFriction or Coulomb, optional
-        On the arc length. That of Coulomb follows the force across the beam.
+        On the arc length. `Coulomb` friction follows the force across the beam.
     stop : Stop or (lower, upper, stiffness), optional
         On the arc length [m, N/m], before an end of the beam is reached; a limit may be None.
 
