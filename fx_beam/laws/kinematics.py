@@ -97,12 +97,12 @@ class Step(StepFields):
     u0, psi0 : ufl expression
         Displacement (2,) [m] and rotation [rad] at the start of the step.
     Du, Dpsi : ufl expression
-        Their increments over the step, the unknowns.
+        Increments of displacement [m] and rotation [rad] over the step, the unknowns.
     u, psi : ufl expression
         Displacement and rotation at the scheme's level in the step, where the forces are evaluated
         (the middle of the step for the mid-point schemes).
     v, omega : ufl expression
-        Velocity (2,) [m/s] and spin [rad/s] at that level.
+        Velocity (2,) [m/s] and spin [rad/s] at the level of the scheme.
     virtual_u, virtual_psi : ufl expression
         Virtual displacement (2,) and virtual rotation.
     X : ufl vector (2,)
@@ -114,22 +114,23 @@ class Step(StepFields):
     degree : int
         Polynomial degree of the element.
     t, dt : ufl scalar
-        Time at that level and length of the step [s]; in statics the time at which functions of
-        time are evaluated, and some length, in which nothing moves.
+        Time at the level of the scheme, and length of the step [s]. In statics `t` is the time at
+        which functions of time are evaluated, and `dt` has no meaning.
     load_factor : ufl scalar
         Load factor in statics, 1 in dynamics. Multiply a force of your own by it if the force is a
         load, not a spring.
     nodes : Nodes, optional
-        Rotations at the element's nodes, for schemes that conserve energy, with degree 2 and 3.
+        Rotations at the nodes of the element, with degree 2 and 3, for schemes that conserve
+        energy.
     u_before, psi_before : ufl expression
-        Displacement (2,) [m] and rotation [rad] at the start of the last step.
+        Displacement (2,) [m] and rotation [rad] at the start of the step before.
     memory : ufl scalar
-        Length of the step divided by that of the last one, at most 1; 0 in the first step.
+        Length of the step divided by that of the step before, at most 1; 0 in the first step.
     natural0, natural1 : ufl vector (3,), optional
-        Natural strains (axial, shear, curvature) at the start and at the end of the step; None
-        without any.
+        Natural strains (axial, shear, curvature) at the start and at the end of the step; None if
+        the scene has no natural strains.
     own_strains : callable, optional
-        The ``strains`` of the `Scheme`, if it has its own.
+        The ``strains`` of the `Scheme`, if given there.
 
     Examples
     --------
@@ -176,12 +177,12 @@ class Step(StepFields):
 
     @property
     def strains0(self):
-        """Strains (eps, gamma, kappa) at the start of the step, less the natural ones."""
+        """Strains (eps, gamma, kappa) at the start of the step, less the natural strains."""
         return elastic(self.total_strains0, self.natural0)
 
     @property
     def strains1(self):
-        """Strains (eps, gamma, kappa) at the end of the step, less the natural ones."""
+        """Strains (eps, gamma, kappa) at the end of the step, less the natural strains."""
         return elastic(self.total_strains1, self.natural1)
 
     @property
@@ -191,24 +192,24 @@ class Step(StepFields):
 
     @property
     def total_strains0(self):
-        """Strains (eps, gamma, kappa) at the start of the step, from the configuration alone."""
+        """Strains (eps, gamma, kappa) at the start of the step, natural strains included."""
         return self._strains(self.u0, self.psi0, self._turn0)
 
     @property
     def total_strains1(self):
-        """Strains (eps, gamma, kappa) at the end of the step, from the configuration alone."""
+        """Strains (eps, gamma, kappa) at the end of the step, natural strains included."""
         return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi, self._turn1)
 
     @property
     def natural_increments(self):
-        """Increments of the natural strains over the step; zero without any."""
+        """Increments of the natural strains over the step; zero without natural strains."""
         if self.natural0 is None:
             return [0.0, 0.0, 0.0]
         return [self.natural1[i] - self.natural0[i] for i in range(3)]
 
     @property
     def strains_before(self):
-        """Strains (eps, gamma, kappa) at the start of the last step, the natural ones included."""
+        """Strains (eps, gamma, kappa) at the start of the step before, natural strains included."""
         turn = turn_of(self.t0, self.psi_before)
         return self._strains(self.u_before, self.psi_before, turn)
 

@@ -80,7 +80,7 @@ class UpdateRule(Protocol):
         (size,) float array
             The acceleration.
         float
-            Its derivative by `path`, the same for each entry [1/s^2].
+            Derivative of the acceleration by `path`, the same for each entry [1/s^2].
         """
         return np.zeros_like(path), 0.0
 
@@ -227,19 +227,20 @@ class NodalRates(UpdateRule):
         ``rule(D, v0, a0, before, dt)`` gives the acceleration in the equation of motion, and the
         rates and accelerations at the end of the step, a UFL vector (3,) each. `D` is the increment
         over the step, `v0` and `a0` are rates and accelerations at its start, `before` is the
-        increment over the last step or sub-step (zero in the first), `dt` is the length [s]. A
-        tuple has a rule for each sub-step of the scheme.
+        increment over the step or sub-step before (zero in the first), `dt` is the length of this
+        one [s]. A tuple has a rule for each sub-step of the scheme.
     level : float
-        Level l in (0, 1] of the step at which forces are evaluated: 1 is its end. At 0.5 forces do
-        work on 2 tan(D/2) of rotations, as by `MidPointRates`, at others on D. Forces that depend
-        on rates take the mean rate at 0.5, else v0 + 2 l (D/dt - v0), with an error of dt^2.
+        Level l in (0, 1] of the step at which forces are evaluated: 1 is the end of the step. At l
+        = 0.5 moments do work on 2 tan(D/2) of rotations, as with `MidPointRates`, at other levels
+        on D. Forces that depend on rates use the mean rate at l = 0.5, otherwise v0 + 2 l (D/dt -
+        v0), with an error of dt^2.
 
     Raises
     ------
     SceneError
         For rules that are no functions, that do not give three UFL vectors, that contain nan, inf
-        or symbols of your own, or whose acceleration does not depend on the increment; or another
-        level.
+        or symbols of your own, or whose acceleration does not depend on the increment; for a level
+        outside (0, 1].
 
     Examples
     --------
@@ -290,12 +291,12 @@ class NodalRates(UpdateRule):
 
     @property
     def rules(self) -> tuple[Rule, ...]:
-        """The rules of the sub-steps, or the one of all."""
+        """The rules of the sub-steps; a single rule holds for all."""
         return self.rule if isinstance(self.rule, tuple) else (self.rule,)
 
     @property
     def turning(self) -> bool:
-        """At level 0.5."""
+        """Whether forces do work on 2 tan(Dpsi/2) of rotations: at level 0.5."""
         return self.level == 0.5
 
     @property
@@ -336,7 +337,7 @@ class NodalRates(UpdateRule):
         return parts
 
     def fields(self, Du, Dpsi, v0, a0, dt):
-        """Mean velocity and mean spin of the step, or those at its level to second order."""
+        """Mean velocity and spin of the step, or at levels other than 0.5 those of the level."""
         if self.turning:
             return MidPointRates().fields(Du, Dpsi, v0, a0, dt)
         pairs = zip((Du, Dpsi), v0, strict=True)

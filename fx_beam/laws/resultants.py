@@ -123,13 +123,13 @@ class Resultants(NamedTuple):
     Parameters
     ----------
     dphi : ufl vector (2,)
-        The phi' in the virtual strains.
+        Derivative phi' of the position along the arc length, in the virtual strains [1].
     t : ufl vector (2,)
         Director of N; Q acts along W t. Its length may differ from 1.
     N, Q, M : ufl scalar
         Axial force [N], shear force [N] and bending moment [N m], work-conjugate to the strains.
     m : ufl scalar
-        The couple in the weak form [N m]; M itself unless the scheme modifies it (eq. 47).
+        The moment in the weak form [N m]: M, unless the scheme modifies it (eq. 47).
 
     Examples
     --------

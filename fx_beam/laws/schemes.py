@@ -62,9 +62,9 @@ class Scheme:
 
     Notes
     -----
-    A theory of your own is a class of `Resultants` with its own `Resultants.virtual_work`. With its
-    `strains`, and an `energy` if N, Q and M are no derivatives of that of the law, energies of
-    solutions are those of the theory.
+    For a beam theory of your own, derive a class from `Resultants` with another
+    `Resultants.virtual_work`. Give its `strains`, and its `energy` if N, Q and M are not the
+    derivatives of the energy of the law: energies of solutions are then those of your theory.
 
     Examples
     --------
@@ -123,11 +123,12 @@ class Scheme:
     def written(self, format: str = "text") -> str:
         """Write the weak form of a step as on paper, by the functions that are compiled.
 
-        Indices 0, m and 1 are the start, the middle and the end of a step, Delta its increments,
-        delta virtual quantities. X' is the reference tangent, t the director, W a quarter turn, and
-        ' the derivative along the reference arc length. `a` is the acceleration in the equation of
-        motion, by D, the increment of displacements; of mid-point schemes D is 2 tan(Delta_psi/2)
-        for rotations. Resultants are those of linear elasticity.
+        Indices 0, m and 1 are the start, the middle and the end of a step; Delta is an increment
+        over the step, delta a virtual quantity. X' is the reference tangent, t the director, W a
+        rotation by 90 degrees, and ' the derivative along the reference arc length. `a` is the
+        acceleration in the equation of motion, as a function of the increment D of displacements;
+        in mid-point schemes D is 2 tan(Delta_psi/2) for rotations. The resultants are written for
+        linear elasticity.
 
         Parameters
         ----------
@@ -137,7 +138,8 @@ class Scheme:
         Returns
         -------
         str
-            Formulas in lines, delta_W per length; of elements of degree 1 where it depends on that.
+            The formulas, one on each line; delta_W is per length. Formulas that depend on the
+            degree are those of degree 1.
 
         Examples
         --------
@@ -272,8 +274,8 @@ def EnergyMomentum(order: int = 2) -> Scheme:
     """Modified mid-point scheme with a virtual rotation that conserves energy exactly.
 
     Conserves energy, linear and angular momentum to solver accuracy, for elements of every degree.
-    No node may rotate by more than 2 rad in a step, also after all halvings; very fast spins and
-    whipping light strings may exceed this limit.
+    No node may rotate by more than 2 rad in a step; a larger step is halved. Very fast spins and
+    whipping light strings may exceed this limit even after all halvings.
 
     Parameters
     ----------
@@ -314,20 +316,21 @@ def EnergyDecaying(damping: float | Parameter = 0.1, order: int = 2) -> Scheme:
     """Energy-momentum scheme that damps fast vibrations and conserves both momenta.
 
     For stiff mechanisms, in which axial vibrations do not decay with conserving schemes. To the
-    stress resultants of `EnergyMomentum` it adds damping/2 C (dE - r dE_before): dE are the
-    increments of the strains in this step, dE_before in the last one, C is the stiffness of the
-    undeformed section, and r the ratio of the steps' lengths, at most 1. The energy of the motion
-    plus damping/4 dE.C dE never increases, for any step.
+    stress resultants of `EnergyMomentum` it adds damping/2 C (dE - r dE_before). Here dE are the
+    increments of the strains in the step, dE_before those of the step before, C is the stiffness of
+    the undeformed section, and r the length of the step over that of the step before, at most 1.
+    The energy of the motion plus damping/4 dE.C dE never increases, for any step.
 
     Parameters
     ----------
     damping : float or Parameter
-        Factor of the addition, in (0, 1]. The damping is largest for vibrations whose angular
-        frequency times the step is about 2/damping. Slow ones are hardly damped. A `Parameter` has
-        the value that the scene gives it by `Scene.add_parameter`, constant in time.
+        Factor of the added resultants, in (0, 1]. The damping is largest for vibrations whose
+        angular frequency times the step is about 2/damping; slow vibrations are hardly damped. A
+        `Parameter` has the value that the scene gives it by `Scene.add_parameter`, constant in
+        time.
     order : {1, 2}
-        Order of convergence. With 1, r is 0: the energy itself never increases, and slow motions
-        lose more energy.
+        Order of convergence. With order 1, r is 0: the energy itself never increases, and slow
+        motions lose more energy.
 
     Returns
     -------
@@ -362,8 +365,8 @@ def EnergyDecaying(damping: float | Parameter = 0.1, order: int = 2) -> Scheme:
 def Newmark(beta: float = 0.25, gamma: float = 0.5) -> Scheme:
     """Newmark's scheme; by default the average acceleration (trapezoidal) rule.
 
-    With gamma = 1/2 forces of joints on bodies that turn may alternate from row to row, however
-    short the steps are. `HHT` damps this, `EnergyMomentum` has none of it.
+    With gamma = 1/2 joint forces on bodies that turn may alternate from row to row, however short
+    the steps are. `HHT` damps this oscillation; it does not occur with `EnergyMomentum`.
 
     Parameters
     ----------

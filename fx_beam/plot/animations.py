@@ -111,8 +111,8 @@ def animate(
     solution : Solution
         The motion.
     path : str or path, optional
-        File to write; its name ends with .gif or .mp4. In a notebook none is needed: without one
-        the film is returned and shown.
+        File to write; its name ends with .gif or .mp4. Without a path the film is returned, and a
+        notebook shows it.
     rows : sequence of int, optional
         Rows of `Solution.t` to draw, one for each frame.
     times : sequence of float, optional
@@ -126,20 +126,20 @@ def animate(
     scene_unit : str
         Unit of length in which the scene is given, for labels; nothing is scaled.
     magnify : float
-        Factor on displacements; it is written over the film if it is not 1.
+        Factor on displacements; a value other than 1 is written over the film.
     marks : dict, optional
         Nodes by the names that are written beside them.
     scenery : callable, optional
-        ``scenery(axes, k)`` draws additional objects in row k, such as a user-defined force. What
-        it adds to the axes is removed after the frame, and so is a list of artists that it returns.
+        ``scenery(axes, k)`` draws additional objects in row k, such as a user-defined force.
+        Objects that it adds to the axes, or returns as a list, are removed after the frame.
     colour : str or dict, optional
         Quantity, internal variable or values of your own that the colours show, as in `shapes`; by
         default each member has its own colour.
     colour_limits, colour_scale, thickness : optional
         Ends and kind of the colour scale, and factor on the depth of members, as in `shapes`.
     size : (int, int), optional
-        Width and height of the frames [pixels], from 100 to 4096, such as (1920, 1080); by
-        default as the scene asks for, up to 700 and 560.
+        Width and height of the frames [pixels], from 100 to 4096, such as (1920, 1080); by default
+        by the shape of the scene, at most 700 and 560.
     title : str
         Text over the film, on the right.
     theme : {"light", "dark"}
@@ -148,7 +148,7 @@ def animate(
     Returns
     -------
     Film or None
-        Without a path the GIF, as bytes that a notebook shows.
+        Without a path the GIF, as bytes that a notebook shows; else None.
 
     Raises
     ------

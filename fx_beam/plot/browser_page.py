@@ -65,26 +65,27 @@ def interactive(
     magnify: float = 1.0,
     title: str = "",
 ) -> Page:
-    """Page on which one plays a motion, and looks at its shapes, values and curves.
+    """Page that plays a motion, with its shapes, values and curves.
 
-    The page has a slider and a play button, shapes coloured by a quantity that one chooses, with
-    limits and a log scale, names and values of the point under the pointer, paths of points that
-    one clicks, and curves over time. The wheel zooms, dragging moves, a double click shows all. It
-    is light or dark as the browser is. It is one file, which needs no network; 2000 members with
-    200 rows take 10 MB.
+    The page has a slider and a play button, shapes coloured by a selected quantity, with limits and
+    a log scale, names and values of the point under the pointer, paths of points that are clicked,
+    and curves over time. The wheel zooms, dragging moves, and a double click shows the whole scene.
+    The page has the light or dark theme of the browser. It is one file, which needs no network;
+    2000 members with 200 rows take 10 MB.
 
     Parameters
     ----------
     solution : Solution
         The motion, or the equilibria.
     path : str or path, optional
-        File to write; its name ends with .html. In a notebook none is needed: the page is shown.
+        File to write; its name ends with .html. A notebook shows the returned page, also without a
+        path.
     rows : sequence of int, optional
         Rows of `Solution.t` to show; by default at most 200, evenly spaced.
     trace : Node or sequence of Node, optional
         Nodes whose paths are drawn from the start.
     series : dict, optional
-        Curves by name, (n,) values each, one for each row of `Solution.t`; by default the energies.
+        Curves by name: n values each, one for each row of `Solution.t`; by default the energies.
     scene_unit : str
         Unit of length in which the scene is given, for labels; nothing is scaled.
     magnify : float
@@ -95,7 +96,7 @@ def interactive(
     Returns
     -------
     Page
-        The page, whose `text` is what the file has.
+        The page; its `text` is the content of the file.
 
     Raises
     ------

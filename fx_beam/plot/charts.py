@@ -70,7 +70,7 @@ def figure(rows: int, columns: int, height: float = 2.5):
     figure : matplotlib.figure.Figure
         The figure, for `save`.
     axes : (rows, columns) array of matplotlib.axes.Axes
-        Its panels.
+        The panels of the figure.
     """
     for name, number in (("rows", rows), ("columns", columns)):
         require(is_whole(number, 1), f"figure: {name}", number, "a whole number from 1 on")
@@ -92,14 +92,14 @@ def curves(
 ) -> None:
     """Draw one quantity over time for several solutions.
 
-    Each scheme has its own line style; further solutions by the same scheme have markers as well.
-    A cross marks the end of a solution that failed. Set the limits of the axes first: if the curve
-    ends outside, its cross is drawn on the edge.
+    Each scheme has its own line style; further solutions by the same scheme have markers as well. A
+    cross marks the end of a solution that failed. Set the limits of the axes first: if the curve
+    ends outside them, its cross is drawn on the edge.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        Where to draw.
+        The axes in which to draw.
     solutions : dict
         Solutions by their labels in the legend.
     value : callable
@@ -159,7 +159,7 @@ def quantities(axes, values: dict[str, np.ndarray], t: np.ndarray) -> None:
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        Where to draw.
+        The axes in which to draw.
     values : dict
         Quantities (n,) by their labels in the legend.
     t : (n,) float
@@ -235,7 +235,7 @@ def frequency_response(
     Parameters
     ----------
     responses : FrequencyResponse or dict
-        What `fx_beam.frequency_response` returned, or several by their labels.
+        The result of `fx_beam.frequency_response`, or several results by their labels.
     path : str or path, optional
         Picture to write; its ending gives the format.
     components : sequence of str, optional
@@ -294,11 +294,12 @@ def response(
     Parameters
     ----------
     families : PeriodicFamily or dict
-        What `fx_beam.backbone` or `fx_beam.forced_response` returned, or several by their labels.
+        The result of `fx_beam.backbone` or `fx_beam.forced_response`, or several results by their
+        labels.
     node : Node
         A node of the scene.
     component : {"x", "y", "rotation"}
-        Component of its motion.
+        Component of the motion of the node.
     path : str or path, optional
         Picture to write; its ending gives the format.
 

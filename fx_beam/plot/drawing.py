@@ -163,7 +163,7 @@ def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
     nodes : (..., elements * degree + 1, 2) float
         Positions of a beam's nodes, such as `Solution.shape` and `Modes.shape` give [m].
     degree : int
-        Degree of its elements.
+        Degree of the elements of the beam.
 
     Returns
     -------
@@ -173,7 +173,7 @@ def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
     Raises
     ------
     SceneError
-        For another degree, or positions of another shape.
+        For a degree other than 1, 2 and 3, or positions that do not fit it.
     """
     require(is_whole(degree, 1, 3), "axis: degree", degree, "1, 2 or 3")
     positions = real_array(nodes)

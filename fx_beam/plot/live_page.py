@@ -38,7 +38,7 @@ _PIXELS = 96 / 72
 
 
 class LiveView:
-    """A page on which a motion runs, made by `live`; notebooks show it.
+    """A page that shows a motion while it runs, made by `live`; notebooks show it.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class LiveView:
                 self._server.handle_request()
 
     def wait(self) -> None:
-        """Open the page in a browser, and return when it is ended there or by Ctrl-C."""
+        """Open the page in a browser; return when it is ended in the browser or by Ctrl-C."""
         if not webbrowser.open(self.url):
             _log.warning("no browser could be opened; the page is %s", self.url)
         try:
@@ -75,7 +75,7 @@ class LiveView:
         self.close()
 
     def close(self) -> None:
-        """End the page; the motion stays where it is."""
+        """End the page; the motion keeps its state."""
         self._ended.set()
         self._thread.join()
 
@@ -89,23 +89,25 @@ class LiveView:
 def live(
     motion: Any, limits: Mapping[str, tuple[float, float]] | None = None, speed: float = 1.0
 ) -> LiveView:
-    """Page on which a motion runs, and is pushed: a slider for each input, the mouse as a spring.
+    """Page that shows a running motion, with a slider for each input and the mouse as a spring.
 
     The page has buttons for pause, slower, faster, reset and end, and curves of energies and
-    outputs. Press the mouse on a node and pull: a spring acts from there to the mouse, by
+    outputs. Press the mouse on a node and pull: a spring acts between the node and the mouse, by
     ``forces`` of `Motion.step`. Inputs follow their sliders within some tenths of a second, without
-    jumps of their rates. As long as the page runs, nothing else may use the motion.
+    jumps of their rates. While the page runs, nothing else may use the motion.
 
-    It is served by this process, at an address on this computer with a secret token; nothing else
-    is answered. In a notebook the page is shown. In a script `LiveView.wait` opens it in a browser.
+    This process serves the page, at an address on this computer with a secret token; requests
+    without the token are refused. A notebook shows the page. In a script `LiveView.wait` opens it
+    in a browser.
 
     Parameters
     ----------
     motion : Motion
-        The motion; it goes on from where it is.
+        The motion, which continues from its present state.
     limits : dict, optional
-        Least and largest value of inputs by name, for their sliders. By default an input goes by 1
-        to both sides of its value, or by twice the value if this is more.
+        Least and largest values of inputs by name, for their sliders. By default they are the
+        present value of the input minus and plus 1, or minus and plus twice this value if that is
+        more.
     speed : float
         Seconds of the motion in a second, if the computer steps that fast.
 
@@ -117,8 +119,8 @@ def live(
     Raises
     ------
     SceneError
-        For limits of what is no input, or that are not two numbers in order, or a speed that is not
-        positive.
+        For limits of an unknown input, limits that are not two rising numbers, or a speed that is
+        not positive.
 
     Examples
     --------

@@ -294,18 +294,17 @@ def scene(
 ) -> Figure:
     """Drawing of a scene in its reference configuration.
 
-    Members have their names, and their depth where it can be seen. Bodies are their points,
-    rounded, with a quartered disc at the centre of mass; with a contact radius they are wheels.
-    Strips with strokes are the ground. A pin is a triangle, a roller has wheels below it, a clamp
-    is a wall. Rings are hinges, a black plate is a rigid joint; a block between rails, a slot, a
-    carriage on wheels and two jaws are slides. Discs are lumped masses. A coil or a spiral is a
-    spring, a cup a damper, black shoes are friction, walls across a slide or an arc with two ends
-    its stops. Gears have radii in their ratio, pulleys their own. Beams and nodes with drag have
-    the word "drag".
-    What acts is orange: arrows of forces end at their nodes, arrows of initial velocities start
-    there. Prescribed motions, motors and the acceleration of the base have arrows with two heads.
-    Loads that are functions of time are drawn with their largest value. Other virtual works than
-    pressures are not drawn.
+    Members have their names, and their depth if it is large enough to be seen. A body is a rounded
+    shape around its points, with a quartered disc at the centre of mass; with a contact radius it
+    is a wheel. Hatched strips are the ground. A pin is a triangle, a roller a triangle on wheels, a
+    clamp a wall. A ring is a hinge, a black plate a rigid joint; a block between rails, a slot, a
+    carriage on wheels and two jaws are slides. A disc is a lumped mass. A coil or a spiral is a
+    spring, a cup a damper, black shoes are friction; walls across a slide, or an arc with two ends,
+    are stops. The radii of gears have their ratio, pulleys have their true radius. Beams and nodes
+    with drag have the word "drag". Loads and motions are orange: arrows of forces end at their
+    nodes, arrows of initial velocities start at them. Prescribed motions, motors and the
+    acceleration of the base have arrows with two heads. Loads that are functions of time are drawn
+    with their largest value. Of virtual works only pressures are drawn.
 
     Parameters
     ----------
@@ -317,7 +316,8 @@ def scene(
         Unit of length in which the scene is given, for labels; nothing is scaled. With "m"
         masses and loads have SI units, otherwise none.
     dimensions : bool or sequence of (Node, Node)
-        Whether to write the distances between the ends of members; or those of some pairs of nodes.
+        Whether to write the distances between the ends of members; or pairs of nodes whose
+        distances to write.
     marks : dict, optional
         Nodes by the names that are written beside them.
     nodes : bool
@@ -335,7 +335,7 @@ def scene(
     Raises
     ------
     SceneError
-        If it is not a scene, or a scene without beams and bodies.
+        If the argument is not a scene, or the scene has no beams and no bodies.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"plot.scene needs an fx_beam.Scene, not {shown(scene)}")

@@ -76,11 +76,12 @@ def shapes(
 ) -> Figure:
     """Picture of superposed deformed shapes: the last one with its symbols, earlier ones pale.
 
-    Members are as thick as they are, but no thinner than 3.4 points. Supports, joints, ropes and
-    springs have the symbols of `scene`, where they are in the last of the rows in which the scene
-    has them. Bodies and nodes with a contact radius have that size. Forces on nodes are arrows of
-    their sums, but for forces that are an `Input`. In equilibria they are the forces at the time
-    `t`, times the load factor; forces of the state at the `start` fade.
+    Members have their true thickness, but at least 3.4 points. Supports, joints, ropes and springs
+    have the symbols of `scene`, at their positions in the last of the drawn rows in which they
+    exist. Bodies and nodes with a contact radius have this radius. An arrow is the sum of the
+    forces on a node, without forces that are an `Input`. In equilibria the forces are those at the
+    time `t` times the load factor; residual forces of the state at `start` decrease to zero with
+    the load factor.
 
     Parameters
     ----------
@@ -97,30 +98,29 @@ def shapes(
     scene_unit : str
         Unit of length in which the scene is given, for labels; nothing is scaled.
     magnify : float
-        Factor on displacements; it is written over the picture if it is not 1.
+        Factor on displacements; a value other than 1 is written over the picture.
     marks : dict, optional
         Nodes by the names that are written beside them in the last shape; their paths are dashed.
     colour : str or dict, optional
-        "time": all shapes are alike, and their colours show the time, or the order of load
-        steps.
-        "N", "Q", "M", "stress", "strain energy", "speed", or the name of an internal variable:
-        axial force, shear force or bending moment, as in `Solution.resultants`, the larger normal
-        stress of both edges, as `BeamStress.largest`, stored energy per length, or speed. Its unit
-        is given if the unit of length is "m".
-        A dict: values of your own by their label, (elements, m) in the one row that is shown, or
-        (rows, elements, m) in all rows, each on one of m equal parts of an element. So are fields
-        of `fenicsx.Problem.at_points`. As with "time" members are tubes, drawn by VTK.
+        "time": the colour of a whole shape shows its time, or the number of its load step. "N",
+        "Q", "M", "stress", "strain energy", "speed", or the name of an internal variable: axial
+        force, shear force or bending moment, as in `Solution.resultants`; the larger normal stress
+        of both edges, as `BeamStress.largest`; stored energy per length; speed. The unit is written
+        if the unit of length is "m". A dict with one entry, a label and values of your own, as of
+        `fenicsx.Problem.at_points`: (elements, m) for the one row that is shown, or (rows,
+        elements, m) for all rows, with a value on each of m equal parts of an element. As with
+        "time" members are tubes, drawn by VTK.
     colour_limits : (float, float), optional
-        Values at the ends of the colour scale; by default the extreme values. On a log scale the
-        smallest and the largest size.
+        Values at the ends of the colour scale, on a log scale magnitudes; by default the extreme
+        values.
     colour_scale : {"linear", "log"}
-        Scale of the colours. "log" shows weak and strong values beside each other; N, Q and M keep
-        their signs, with a linear part up to the smallest size.
+        Scale of the colours. "log" shows small and large values in one picture; N, Q and M keep
+        their signs, and the scale is linear below the smallest magnitude.
     thickness : float, optional
-        Factor on the depth of the members, which are then drawn with all changes of their depth,
-        and also where they are thin: 1 is true. The depth is that with which a member touches
-        others, twice the radius of its contact; else that of a rectangle, sqrt(12 EI / EA), or
-        sqrt(12 rhoI / rhoA) without EA; a circle's diameter is 1.155 times that.
+        Factor on the depth of the members, 1 for the true depth. Members are then drawn with all
+        changes of their depth, also where they are thin. The depth is twice the contact radius of a
+        member; without contact that of a rectangle, sqrt(12 EI / EA), or sqrt(12 rhoI / rhoA)
+        without EA. The diameter of a circular member is 1.155 times as large.
     title : str
         Text over the picture, before the times that are shown.
     theme : {"light", "dark"}
@@ -264,7 +264,7 @@ def modes(
     """Picture of mode shapes, side by side, over the configuration to which they belong.
 
     Where the nodes of a mode do not move in phase, because of dampers, a dashed line is the shape a
-    quarter of the period later. Supports are drawn where they are at rest.
+    quarter of the period later. Supports are drawn in the configuration at rest.
 
     Parameters
     ----------
@@ -280,8 +280,8 @@ def modes(
     Returns
     -------
     matplotlib.figure.Figure
-        The picture, with a panel for each mode. Titles count from 1, mode 1 being row 0 of `Modes`,
-        and have the frequency or load factor.
+        The picture, with a panel for each mode. Its title has the frequency or load factor, and the
+        number of the mode from 1: mode 1 is row 0 of `Modes`.
     """
     path, colours = picture(path), theme_of(theme)
     titles: list[str] = []
@@ -379,14 +379,16 @@ def diagrams(
 
     A value is drawn normal to the axis: N and Q to the left of the beam's direction if they are
     positive, M on the side that is in tension. Negative areas are hatched; a jump at a force is a
-    line across the axis. Written are the largest and the smallest value of each member, and of each
-    part between supports, and values at its ends above 15 % of the largest of all; in frames of
-    more than 12 members only the extreme values of the frame. Ropes and springs between points have
-    their forces in the panel of N, a slack rope is dashed. Values follow from the balance of each
-    element, as `BeamResultants.at` has them: at a clamp they are the reaction, at a free end zero.
+    line across the axis. The picture gives the largest and the smallest value of each member and of
+    each part between supports, and values at member ends above 15 % of the largest value of all; in
+    frames of more than 12 members only the extreme values of the frame. The panel of N has the
+    forces of ropes and of springs between points; a slack rope is dashed. Values follow from the
+    balance of each element, as those of `BeamResultants.at`: at a clamp they are the reaction, at a
+    free end zero.
 
-    Of several solutions it is the envelope: largest and least values over all their rows, on the
-    members as they start. Beside a value is the number of the solution that gives it.
+    For several solutions the picture is the envelope: the largest and least values over all their
+    rows, drawn on the members at the start. Beside a value is the number of the solution that gives
+    it.
 
     Parameters
     ----------
@@ -396,11 +398,11 @@ def diagrams(
         Picture to write; its ending gives the format.
     row : int, optional
         Row of `Solution.t`, by default the last. In a motion the values are means over the step
-        that ends there, see `Solution.t_level`. Left out of an envelope.
+        that ends with this row, see `Solution.t_level`. An envelope takes no row.
     quantities : sequence of {"N", "Q", "M"}
         The panels, from left to right, or one below the other if the scene is wide.
     deformed : bool
-        Whether the diagrams stand on the deformed members, or on the members as they start.
+        Whether the diagrams are drawn on the deformed members, or on the members at the start.
     scene_unit : str
         Unit of length in which the scene is given, for labels; nothing is scaled.
     title : str
@@ -416,7 +418,7 @@ def diagrams(
     Raises
     ------
     ValueError
-        For a row or quantities that the solution does not have, or one without beams.
+        For a row or quantities that the solution does not have, or a solution without beams.
     """
     path, colours = picture(path), theme_of(theme)
     is_envelope = isinstance(solution, list | tuple)

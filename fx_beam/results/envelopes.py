@@ -29,7 +29,7 @@ class Envelope:
     least, largest : (...) float
         The values, in the unit of the output.
     least_by, largest_by : (...) int
-        Numbers of the solutions that give them; of several with equal values the first one.
+        Numbers of the solutions with these values; the first one if several have the same value.
 
     Examples
     --------
@@ -54,9 +54,9 @@ class BeamEnvelope:
     Parameters
     ----------
     s : (places,) float
-        Arc lengths from its start [m].
+        Arc lengths from the start of the beam [m].
     N, Q, M : Envelope
-        Of axial force [N], shear force [N] and bending moment [N m], each (places,).
+        Envelopes (places,) of axial force [N], shear force [N] and bending moment [N m].
 
     Examples
     --------
@@ -89,8 +89,8 @@ def envelope(
     Returns
     -------
     Envelope or BeamEnvelope
-        Of an output its least and largest values, for each component or point; of a beam N, Q and M
-        at the places s.
+        For an output: its least and largest values, for each component or point. For a beam: those
+        of N, Q and M at the places s.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def envelope(
         Without a solution, for a part that is no output or beam of each solution, and for places
         beyond the beam.
     ValueError
-        If what it needs was not recorded.
+        If a needed quantity was not recorded.
 
     Examples
     --------

@@ -141,7 +141,7 @@ class JointMotion(_PartMotion):
     solution : Solution
         The solution.
     joint : Joint
-        One of its joints.
+        A joint of its scene.
 
     Examples
     --------
@@ -163,7 +163,7 @@ class JointMotion(_PartMotion):
     def angle(self) -> np.ndarray:
         """Rotation psi_b - psi_a of b relative to a since the reference configuration [rad].
 
-        Of a node that slides on a beam: relative to the beam where it is.
+        For a node that slides on a beam: relative to the beam at the present position of the node.
         """
         return self._value("angle")
 
@@ -171,7 +171,7 @@ class JointMotion(_PartMotion):
     def slide(self) -> np.ndarray:
         """Distance (n,) along the axis from the joint's position on a to b [m].
 
-        Of a node that slides on a beam: its arc length from the start of the beam.
+        For a node that slides on a beam: its arc length from the start of the beam.
         """
         self._check(self.joint.slide is not None, "slide")
         return self._rows("slides")
@@ -180,7 +180,7 @@ class JointMotion(_PartMotion):
     def spin(self) -> np.ndarray:
         """Rate (n,) of the angle [rad/s].
 
-        By the mid-point rule it is a mean over a step where free nodes have no rotary inertia.
+        With the mid-point rule it is the mean over a step if free nodes have no rotary inertia.
         """
         return self._value("spin")
 
@@ -208,9 +208,10 @@ class JointMotion(_PartMotion):
     def motor_power(self) -> np.ndarray:
         """Mean power (n,) of the motor over the step that ends at t[k] [W]; 0 in row 0.
 
-        The sum of power times step length is the motor's work, to second order in the step; of an
-        `Input`, whose rate jumps from step to step, to first order. The work in `Solution.energy`
-        is exact. A row for every step is required; ValueError without, and in statics.
+        The sum of power times step length is the work of the motor, to second order in the step;
+        for an `Input`, whose rate jumps from step to step, to first order. The work in
+        `Solution.energy` is exact. A row for every step must have been recorded, otherwise this is
+        a ValueError, and so it is in statics.
         """
         place = self.slide if "slide" in self.joint.driven else self.angle
         return self._mean_power("motor_power", self._mean_force(self.motor_force) * np.diff(place))
@@ -238,7 +239,7 @@ class JointMotion(_PartMotion):
 
     @property
     def gap(self) -> np.ndarray:
-        """Distance (n,) of b from its position on a, or on its beam [m]; zero to round-off."""
+        """Distance (n,) of b from the position that the joint prescribes [m]; zero to round-off."""
         return self.joint.kinematics.gap(*self._motion)
 
     @property
@@ -297,7 +298,7 @@ class PullMotion(_PartMotion):
     solution : Solution
         The solution.
     line : ForceBetween
-        One of its forces between points.
+        A force between points, rope or spring to the ground of its scene.
 
     Examples
     --------
@@ -319,19 +320,19 @@ class PullMotion(_PartMotion):
     def force(self) -> np.ndarray:
         """Pull (n,) [N], positive if it shortens the line, at `Solution.t_level`; 0 if slack.
 
-        Of all its laws together: springs, dampers, friction, stops and the additional force. Of a
-        spring to the ground the force, or moment [N m], against an increase of `length`; of a bed
-        that on all of the beam.
+        It is the sum of spring, damper, friction, stops and the additional force. For a spring to
+        the ground: the force, or moment [N m], against an increase of `length`; for a bed: the
+        total force on the beam.
         """
         return self._rows("line_forces")
 
     @property
     def length(self) -> np.ndarray:
-        """Distance (n,) of the points, or the sum of those along a rope [m].
+        """Distance (n,) of the points, or the sum of the distances along a rope [m].
 
-        Over pulleys with arcs; what is wound on drums since the start is part of it. Of a spring to
-        the ground the displacement along its direction [m], or the rotation [rad]; of a bed those
-        (n, nodes) at the nodes of the beam.
+        Arcs on pulleys, and rope wound on drums since the start, are included. For a spring to the
+        ground: the displacement along its direction [m], or the rotation [rad]; for a bed: the
+        displacements (n, nodes) of the nodes of the beam.
         """
         return self._of_bed("q") if self.line.is_bed else self._value("length")
 
@@ -339,8 +340,9 @@ class PullMotion(_PartMotion):
     def wrap(self) -> np.ndarray:
         """Angles (n, points) over which a rope lies on its pulleys [rad]; 0 at points.
 
-        Negative where the rope has left a pulley, which the model does not know: its length is then
-        that of a rope that is held there. Of a drum the angle since the start.
+        A negative angle means that the rope has left the pulley. The model does not include this:
+        it computes the length as if the pulley held the rope. For a drum: the angle since the
+        start.
         """
         if not self.line.kinds:
             return np.zeros((len(self.solution.t), len(self.line.points)))
@@ -357,18 +359,18 @@ class PullMotion(_PartMotion):
 
     @property
     def rate(self) -> np.ndarray:
-        """Rate (n,) of the length [m/s or rad/s] at t[k]; of a bed (n, nodes)."""
+        """Rate (n,) of the length [m/s or rad/s] at t[k]; for a bed (n, nodes)."""
         return self._of_bed("v") if self.line.is_bed else self._value("rate")
 
     @property
     def power(self) -> np.ndarray:
         """Mean power (n,) [W] that the line takes over the step that ends at t[k]; 0 in row 0.
 
-        The pull times the change of the length: what its springs store and its dampers, friction
-        and stops lose, less what an additional force gives. Their sum over the steps is exact by
-        `EnergyMomentum` of order 2 but for rotations, else to second order. Of a bed it is that of
-        all nodes, which is stored. A row for every step is required; ValueError without, and in
-        statics.
+        It is the pull times the rate of the length: the power that springs store and that dampers,
+        friction and stops take, less the power of an additional force. The sum of power times step
+        length is exact with `EnergyMomentum` of order 2, except for rotations; otherwise it is of
+        second order. For a bed: the stored power of all nodes. A row for every step must have been
+        recorded, otherwise this is a ValueError, and so it is in statics.
         """
         length = self.length
         is_bed = length.ndim > 1
@@ -377,9 +379,9 @@ class PullMotion(_PartMotion):
 
     @property
     def energy(self) -> np.ndarray:
-        """Energy (n,) [J] that its spring and stops store.
+        """Energy (n,) [J] that the spring and the stops store.
 
-        Springs with internal variables are refused: theirs is in `Solution.energy`.
+        Springs with internal variables are refused: `Solution.energy` has their energy.
         """
         x, line = self.length, self.line
         spring, stop = line.on.spring, line.on.stop
@@ -414,11 +416,11 @@ class GearMotion(_PartMotion):
     solution : Solution
         The solution.
     gear : Gear
-        One of its gears.
+        A gear or rack of its scene.
 
     Examples
     --------
-    Half of the load on the driven wheel, of the double radius, holds the other one.
+    A moment of 3 N m on a wheel of twice the radius is held by half of it on the other wheel.
 
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
@@ -438,7 +440,8 @@ class GearMotion(_PartMotion):
     def force(self) -> np.ndarray:
         """Moment (n,) of a gear on b of `joint_b` [N m], at `Solution.t_level`.
 
-        On b of `joint_a` it is that times -ratio. Of a rack the force [N] on b along the slide.
+        The moment on b of `joint_a` is -ratio times this one. For a rack: the force [N] on b along
+        the slide.
         """
         return self._rows("joint_forces")[:, self.gear.column]
 
@@ -446,7 +449,8 @@ class GearMotion(_PartMotion):
     def difference(self) -> np.ndarray:
         """Angle of `joint_b` less ratio times that of `joint_a` (n,) [rad]: play and twist.
 
-        Of a rack the slide less radius times angle [m]. Zero to round-off without laws.
+        For a rack: the slide less radius times angle [m]. Without a spring, damper, friction or
+        stop on the gear it is zero to round-off.
         """
         return self.gear.difference(motion_of(self.solution), self.solution.slides)
 
@@ -460,7 +464,7 @@ class ContactMotion(_PartMotion):
     solution : Solution
         The solution.
     contact : Contact
-        One of its contacts.
+        A contact of its scene.
 
     Examples
     --------
@@ -504,26 +508,26 @@ class ContactMotion(_PartMotion):
 
     @property
     def normal(self) -> np.ndarray:
-        """Normal forces (n, m) at `Solution.t_level` [N], which push to the free side."""
+        """Normal forces (n, m) at `Solution.t_level` [N]; positive towards the free side."""
         return np.einsum("nmi,nmi->nm", self.force, self._normals_at_level)
 
     @property
     def tangential(self) -> np.ndarray:
         """Friction (n, m) on the points at `Solution.t_level` [N].
 
-        It is positive to the left for who looks along the normal force.
+        Positive to the left, looking along the normal force.
         """
         x, y = np.moveaxis(self._normals_at_level, -1, 0)
         return np.einsum("nmi,nmi->nm", self.force, np.stack([-y, x], axis=-1))
 
     @property
     def slip(self) -> np.ndarray:
-        """How far the points have slipped since they touched (n, m) [m]; signs as `tangential`."""
+        """Slip (n, m) of the points since they came into contact [m]; signs as `tangential`."""
         return self._of_friction(1)
 
     @property
     def stretch(self) -> np.ndarray:
-        """Stretch z of the friction's springs (n, m) [m]: friction is -kt (z + tau dz/dt)."""
+        """Stretch z (n, m) of the springs of friction [m]; the friction is -kt (z + tau dz/dt)."""
         return self._of_friction(0)
 
     def _of_friction(self, variable: int) -> np.ndarray:

@@ -431,10 +431,10 @@ class Stats:
 class BeamResultants:
     """Stress resultants along a beam, at the Gauss points of its elements.
 
-    Row k belongs to the step that ends at t[k], also if it was halved: the mean over it for the
-    mid-point schemes, else the value at `Solution.t_level`. The same holds for row k of
-    `Solution.reaction` and `JointMotion.force`. Row 0 is the start configuration with its rates;
-    natural strains do not change yet.
+    Row k belongs to the step that ends at t[k], also if this step was halved. With the mid-point
+    schemes it is the mean over the step, otherwise the value at `Solution.t_level`. The same holds
+    for row k of `Solution.reaction` and `JointMotion.force`. Row 0 has the resultants of the
+    configuration and rates at the start, for constant natural strains.
 
     Forces of `Scene.add_virtual_work` that act inside a beam are not included: they are not part of
     the stored energy or of the scheme.
@@ -450,7 +450,8 @@ class BeamResultants:
     M : (n, elements * degree) float
         Bending moment [N m].
     balance : Balance, callable or None
-        What `at` and `ends` read, or a function that gives it; None where it is not known.
+        Section forces at the ends of elements, for `at` and `ends`, or a function that gives them;
+        None if they are not known.
 
     Examples
     --------
@@ -484,7 +485,7 @@ class BeamResultants:
         return self.__dict__ | {"balance": None if callable(self.balance) else self.balance}
 
     def balanced(self) -> Any:
-        """The balance of its elements.
+        """The balance of the elements.
 
         Returns
         -------
@@ -494,7 +495,7 @@ class BeamResultants:
         Raises
         ------
         ValueError
-            If it is not known.
+            If the balance is not known.
         """
         if callable(self.balance):
             object.__setattr__(self, "balance", self.balance())
@@ -508,10 +509,11 @@ class BeamResultants:
     def at(self, s, side: str = "after") -> SectionForces:
         """Section forces at any places, from the balance of each element.
 
-        Internal forces plus inertia minus loads of an element are the section forces at its ends:
-        exact there, at a clamp the reaction, at a free end zero. Between them N and Q go straight
-        and M is a parabola, exact for uniform line loads; they jump at forces and couples inside
-        elements. With degree 2 and 3 they also go through the values at the Gauss points.
+        The section forces at the ends of an element are its internal forces plus inertia minus
+        loads. They are in exact balance: at a clamp they are the reaction, at a free end zero.
+        Between the ends N and Q are linear and M is a parabola, which is exact for uniform line
+        loads; at forces and moments inside elements they jump. With degree 2 and 3 the curves also
+        pass through the values at the Gauss points.
 
         Parameters
         ----------
@@ -536,7 +538,7 @@ class BeamResultants:
 
     @property
     def ends(self) -> SectionForces:
-        """Section forces (rows, 2) at the start and at the end of the beam, as of `at`."""
+        """Section forces (rows, 2) at the start and at the end of the beam, as given by `at`."""
         return self.at(self.balanced().s[[0, -1]])
 
     @property
@@ -595,9 +597,9 @@ class BeamStress:
     """Stresses along a beam, from its section forces and the sizes of its section.
 
     The normal stress at the distance e to the left of the axis is N / A - M e / I, the mean shear
-    stress Q / As. Stresses are spread linearly over the depth also in curved members: in a
-    rectangle of depth h that is bent to the radius R the inner one is 3.4, 7.1 and 20 % larger for
-    R / h = 10, 5 and 2 by Winkler's theory.
+    stress Q / As. Stresses are linear over the depth also in curved members. By Winkler's theory
+    the stress at the inner edge of a curved rectangle of depth h and radius R is 3.4, 7.1 and 20 %
+    larger for R / h = 10, 5 and 2.
 
     Parameters
     ----------
@@ -642,7 +644,7 @@ class BeamStress:
 
     @property
     def largest(self) -> np.ndarray:
-        """The larger size (rows, places) of the normal stresses at both edges [Pa]."""
+        """The larger magnitude (rows, places) of the normal stresses at both edges [Pa]."""
         return np.maximum(abs(self.lower), abs(self.upper))
 
     @property
@@ -672,7 +674,7 @@ class BeamStress:
 
     @property
     def ends(self) -> BeamStress:
-        """Stresses (rows, 2) at the start and at the end of the beam, as of `at`."""
+        """Stresses (rows, 2) at the start and at the end of the beam, as given by `at`."""
         return self.at([0.0, self.beam.length])
 
     def _at_edge(self, edge: str) -> np.ndarray:

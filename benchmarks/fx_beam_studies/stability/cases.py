@@ -25,11 +25,11 @@ from fx_beam.step.recorder import Record
 from fx_beam.sweeps import sweep
 from fx_beam_studies import candidates
 
-#: Kept: the energy ratio differs from 1 by at most this.
+#: Largest difference of the energy ratio from 1 for the verdict `kept`.
 KEPT = 1e-8
-#: Blown up: the energy ratio exceeded this.
+#: Energy ratio above which the verdict is `blew up`.
 BLOWN_UP = 10.0
-#: The last is for a case that cannot be computed, or in which nothing moves.
+#: Kinds of verdict; the last is for a case that cannot be computed, or in which nothing moves.
 KINDS = "kept", "damped", "lost", "gained", "blew up", "failed", "no verdict"
 
 #: Lags of the fit to a drift, as parts of the run. For longer lags there are too few samples; for
@@ -79,7 +79,7 @@ class Verdict:
 
     @property
     def worst(self) -> float:
-        """Largest distance of the ratio from one; infinite where the energy is not finite."""
+        """Largest difference of the energy ratio from 1; infinite if the energy is not finite."""
         return max(self.highest - 1, 1 - self.lowest)
 
     @property
@@ -91,8 +91,9 @@ class Verdict:
     def amount(self) -> float:
         """The number for this kind of verdict.
 
-        The largest error if the energy was kept; the part that was damped, lost or gained; the
-        energy ratio if it blew up; the part of the time that was reached if the run failed.
+        If the energy was kept, the largest error; if it was damped, lost or gained, this part of
+        it; if it blew up, the energy ratio; if the run failed, the part of the time that it
+        reached.
         """
         numbers = {"damped": 1 - self.lowest, "lost": 1 - self.lowest, "gained": self.gain}
         numbers |= {"blew up": self.highest, "failed": self.reached}
@@ -110,11 +111,12 @@ def energy_ratio(solution: Solution) -> np.ndarray:
     .. math:: r = 1 + \frac{e(t)}{E_0}, \qquad e = E - E(0) - W,
         \qquad E_0 = \max_t \left(T(0) + U(0) + W(t) - V(t) + V(0)\right),
 
-    with the work W of all loads less what dampers took, so that r = 1 under loads as well. What
-    `EnergyDecaying` takes lowers the ratio. E_0 is the largest kinetic and strain energy T + U that
-    the motion should have, with the work of the loads and of the weight, whose potential is V:
-    the energy at the start without loads, the largest potential energy released in a fall from
-    rest. As T and U are not negative, r is not negative.
+    where E is the total energy, and W the work of all loads less the energy that dampers took, so
+    that r = 1 under loads as well. The energy that `EnergyDecaying` takes lowers the ratio. E_0 is
+    the largest kinetic and strain energy T + U that the motion should have, by its energy at the
+    start and the work of loads and weight, whose potential is V. Without loads it is T + U at the
+    start, in a fall from rest the largest potential energy released. As T and U are not negative, r
+    is not negative.
 
     Parameters
     ----------
@@ -155,10 +157,10 @@ def _over_moving(solution: Solution, error: np.ndarray) -> np.ndarray:
 def classify(run: Solution | StepError, t_end: float) -> Verdict:
     """Verdict on a run.
 
-    In this order: `blew up` if the energy ratio exceeded `BLOWN_UP` or was not finite, also if a
-    step failed later; `failed` if a step failed otherwise; `kept` if the ratio always differed
-    from 1 by at most `KEPT`; `gained` if it rose more than it fell; `damped` if the whole loss,
-    within `KEPT`, is what the scheme states that it took, `Energy.numerical`; else `lost`.
+    The first that holds: `blew up` if the energy ratio exceeded `BLOWN_UP` or was not finite, also
+    if a step failed later; `failed` if a step failed; `kept` if the ratio always differed from 1 by
+    at most `KEPT`; `gained` if the ratio rose more than it fell; `damped` if the loss is, within
+    `KEPT`, the energy that the scheme states as taken, `Energy.numerical`; else `lost`.
 
     Parameters
     ----------
@@ -219,7 +221,7 @@ class Drift:
 
     @property
     def law(self) -> str:
-        """The nearest of the three laws, in words."""
+        """The law with the nearest exponent, in words."""
         return LAWS[min(LAWS, key=lambda p: abs(p - self.exponent))]
 
 
@@ -261,7 +263,7 @@ class Case:
     Parameters
     ----------
     group, label : str
-        What is varied, and its value in this case, a few characters.
+        Name of the quantity that is varied, and its value in this case, in a few characters.
     scene : callable
         ``scene()`` gives the `Scene`.
     dt, t_end : float
@@ -269,7 +271,7 @@ class Case:
     newton : NewtonOptions, optional
         Tolerance and limits of Newton's method.
     drifts : bool
-        Whether to find how the error grows with the number of steps.
+        Whether to determine how the error grows with the number of steps.
     """
 
     group: str
@@ -316,7 +318,8 @@ class Cell:
     max_halvings : int
         Largest number of halvings of a failing step.
     drift : Drift, optional
-        Growth of the error with the number of steps, if asked for and if the run was completed.
+        Growth of the error with the number of steps, if the case has `drifts` and the run was
+        completed.
     turns : float, optional
         Largest number of turns of a node at the end, if a drift was found.
     """
@@ -332,10 +335,10 @@ class Cell:
 
     @property
     def other(self) -> Verdict | None:
-        """The most different verdict of the repeated runs, if one differs.
+        """The verdict of a repeated run that differs most, if one differs.
 
-        One of another kind, else that with the most different number, if it differs by more than
-        a tenth. Where the energy is kept, the numbers are round-off and are not compared.
+        A verdict of another kind, or else the one whose number differs most, if by more than a
+        tenth. Where the energy is kept, the numbers are round-off and are not compared.
         """
         kind, amount = self.verdict.kind, self.verdict.amount
         turned = [other for other in self.others if other.kind != kind]
@@ -377,24 +380,24 @@ def study(
     """Verdicts on all schemes in all cases.
 
     A run that does not keep the energy, or halves its steps often, is repeated with time steps that
-    differ in their last digit. If its verdict or its number then differs, the run is marked as
-    sensitive to round-off. It may differ on another machine.
+    differ in their last digit. If the verdict or its number then differs, the run is marked as
+    sensitive to round-off: it may differ on another machine.
 
     Parameters
     ----------
     schemes : dict or sequence of Scheme
         Time schemes, by label or by their names.
     cases : iterable of Case
-        Cases on which they are tested. A case that cannot be computed, or in which nothing moves,
-        gives cells with the reason and without a verdict.
+        Cases on which the schemes are tested. A case that cannot be computed, or in which nothing
+        moves, gives cells with the reason and without a verdict.
     max_halvings : int
-        Number of halvings of a failing step after which a run fails, the same for all schemes. A
-        run whose energy has blown up ends earlier.
+        Number of halvings of a failing step after which a run fails, for all schemes. A run whose
+        energy has blown up ends earlier.
     repeats : int
         Number of repetitions of a doubtful run.
     executor : concurrent.futures.Executor or int, optional
-        What runs the cells, as for `sweep`: an executor or a number of processes, to which the
-        functions of the cases are sent; by default this process alone.
+        An executor or a number of processes for the runs, as for `sweep`; the functions of the
+        cases are sent to the processes. By default this process alone.
 
     Returns
     -------
@@ -406,8 +409,8 @@ def study(
     SceneError
         Before anything runs, if there are no cases or schemes, or if two have the same name.
     KeyboardInterrupt
-        If interrupted. Its attribute `cells` holds the runs that are done, for `write`; so does
-        that of every other exception.
+        If interrupted. The attribute `cells` of this exception, and of any other, has the runs that
+        are done, for `write`.
 
     Examples
     --------

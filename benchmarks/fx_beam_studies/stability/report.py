@@ -217,10 +217,10 @@ def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
     Returns
     -------
     dict
-        By scheme, the number of each verdict; "largest error where kept", "largest loss", damped or
-        lost, and "largest gain", as parts of the energy; and the numbers of cases in which it kept
-        the energy with "steps halved often", whose number "depends on rounding" (is sensitive to
-        round-off), and whose "verdict depends on rounding".
+        For each scheme the number of each verdict; "largest error where kept", "largest loss"
+        (damped or lost) and "largest gain", as parts of the energy; and the number of cases in
+        which it kept the energy with "steps halved often", in which the number of the verdict
+        "depends on rounding", and in which the "verdict depends on rounding".
 
     Raises
     ------

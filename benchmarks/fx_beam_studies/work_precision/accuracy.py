@@ -152,12 +152,12 @@ def _size(values: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Mesh:
-    """Elements of a scene.
+    """A mesh of a scene.
 
     Parameters
     ----------
     elements, degree : int
-        Number and degree of the elements, as given to the scene function.
+        Number and degree of the elements, as given to the function that makes the scene.
     """
 
     elements: int
@@ -172,7 +172,8 @@ class Mesh:
 class Run:
     """One scheme with one time step on one mesh.
 
-    A run that ended with an error of its scene or scheme has only the first four and the failure.
+    If the scene or the scheme raised an error, only the first four parameters and `failure` are
+    set.
 
     Parameters
     ----------
@@ -185,15 +186,15 @@ class Run:
     unknowns, steps, newton_iterations, halvings : int
         As in `Stats`.
     reached : float
-        Time that it reached [s].
+        Time that the run reached [s].
     failure : str
-        Reason why it broke off there; empty if it was completed.
+        Why the run ended early; empty if it was completed.
     first_seconds : float
         Time of the first call, with compilation if the forms were not in the cache [s].
     energy_error : float
         Largest energy gained or lost without work, over the largest kinetic and strain energy.
     errors : dict
-        Relative error by quantity; empty if the run broke off, NaN if there is none.
+        Relative error by quantity; empty if the run ended early, NaN if the error is not known.
     step_errors : dict
         The part due to the time step: the error relative to a fine step on this mesh.
     notes : dict
@@ -225,7 +226,7 @@ class Run:
 
     @property
     def lost(self) -> bool:
-        """Whether it broke off, or gained or lost more than half of its energy."""
+        """Whether the run ended early, or gained or lost more than half of its energy."""
         return bool(self.failure) or not self.energy_error <= LOST
 
 
@@ -240,17 +241,18 @@ class Precision:
     repetitions : int
         Number of timed runs of which the least time is taken.
     references : dict
-        Estimated relative error of the reference, by quantity; None if exact, NaN if there is none.
+        Estimated relative error of the reference, by quantity; None if it is exact, NaN if there is
+        no reference.
     origin : str
         Scheme, mesh and step of the computed references; empty if all references are exact.
     runs : list of Run
-        All runs, including those that broke off.
+        All runs, also those that ended early.
     mesh_errors : dict
         Relative errors with a fine time step, by mesh and then by quantity.
     start : str
         Name of the function that gave the states at the start; empty for the reference state.
     missing : dict
-        Why there is no reference, by quantity, or no solution with a fine step, by mesh.
+        Reasons why there is no reference, by quantity, or no solution with a fine step, by mesh.
     """
 
     t_end: float
@@ -268,16 +270,16 @@ class Precision:
         return list(dict.fromkeys(run.scheme for run in self.runs))
 
     def cheapest(self, quantity: str, error: float) -> dict[str, Run]:
-        """Fastest run of each scheme that has at most this error.
+        """Fastest run of each scheme with at most a given error.
 
         Parameters
         ----------
         quantity : str
             Name of the quantity.
         error : float
-            Largest relative error. A run has it if its own error is at most this one, and so are
-            those of the scheme's runs with smaller steps on its mesh, and of the solutions with a
-            fine step on its mesh and finer ones of its degree; none of these runs may be lost.
+            Largest relative error. It must hold for the run, for all runs of the same scheme and
+            mesh with smaller steps, and for the solutions with a fine step on the same mesh and on
+            finer meshes of the same degree; none of these runs may be lost.
 
         Returns
         -------

@@ -175,7 +175,7 @@ _PAGE = Path(__file__).with_name("page.md").read_text("utf-8")
 
 
 def sentence(study: Precision, quantity: str) -> str:
-    """One sentence that says which run is the most accurate, and how well its error is known.
+    """A sentence on the most accurate run and on how well its error is known.
 
     Parameters
     ----------

@@ -56,13 +56,15 @@ def study(
     Every scheme runs with every time step on every mesh. An error is the largest distance from the
     reference at all times of the run, over the largest magnitude of the reference. References that
     are not exact are solutions by `EnergyMomentum`, by default with a 16th of the smallest step and
-    4 times the elements of the finest mesh of the highest degree. Their difference from a second
-    solution with twice the step and half the elements is taken as their error. Solutions with a
-    fine step on each mesh separate the error of the time step from that of the mesh.
+    4 times the elements of the finest mesh of the highest degree. The error of a reference is
+    estimated by its difference from a second solution with twice the step and half the elements.
+    Solutions with a fine step on each mesh separate the error of the time step from that of the
+    mesh.
 
-    The first round gives the errors, beginning with the cheapest run; a wrong quantity raises an
-    error after it. In further rounds, which are timed, the candidates take turns. A run that breaks
-    off is a row with its reason; a quantity or a reference that cannot be had has a note.
+    The first round of runs gives the errors. It begins with the cheapest run, after which a wrong
+    quantity raises an error. In the other rounds, which are timed, the candidates run in turn. A
+    run that ends early is a row with the reason; a quantity or a reference that cannot be computed
+    has a note.
 
     Parameters
     ----------
@@ -82,19 +84,21 @@ def study(
     exact : dict, optional
         Exact references by name: a number, or a function of times (n,) that gives (n,) or (n, k).
     start : callable, optional
-        ``start(elements, degree)`` gives the `Solution` to start from, as `simulate` takes it; by
-        default the motions start from the reference configuration.
+        ``start(elements, degree)`` gives the `Solution` from which the motions start, as `start` of
+        `simulate`; by default they start from the reference configuration.
     finer : (int, int)
-        The reference's time step is the smallest step over the first number; its elements are
-        those of the finest mesh of the highest degree times the second number, which is even.
+        The time step of the reference is the smallest step divided by the first number. The number
+        of its elements is that of the finest mesh of the highest degree times the second number,
+        which must be even.
     repetitions : int
         Timed runs of each candidate, of which the least time is taken.
     results : path, optional
         Files to write, without their endings: JSON, CSV, and a Markdown page with its pictures.
     executor : concurrent.futures.Executor or int, optional
-        What computes errors and references, as for `sweep`: an executor or a number of processes,
-        to which the functions are sent; by default this process alone. Timed runs take place here,
-        one after another; times of first calls are then not known.
+        An executor or a number of processes for errors and references, as for `sweep`; the
+        functions are sent to the processes. By default this process alone. Timed runs are always
+        made in this process, one after another; with an executor the times of first calls are not
+        known.
 
     Returns
     -------
@@ -106,8 +110,8 @@ def study(
     SceneError
         For wrong arguments, before the first long run.
     KeyboardInterrupt
-        If interrupted; `results` are written. This and every later error has the results so far as
-        its attribute `precision`.
+        If interrupted; `results` are written. The attribute `precision` of this exception, and of
+        any other after the first run, has the results so far.
     """
     exact = exact or {}
     check_takes(scene, "elements, degree", "scene")
