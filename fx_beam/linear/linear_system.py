@@ -259,11 +259,12 @@ _LINEAR = [name for name, quantity in _KINDS if quantity.of in _MOTION_ARRAYS]
 class LinearSystem:
     r"""Small deviations from a state: :math:`\dot x = A x + B u`, :math:`y = C x + D u`.
 
-    Created by `linearise`. The states x are the deviations of unknowns with mass, of those that
-    have damping but no mass, of the positions of motors, and the rates of those with mass. Where
-    motors move masses, these rates are without the part of the motors. Where an input u strains a
-    material that damps, a force G u' follows its rate: the rates are without M^-1 G u, and what has
-    damping but no mass is without C^-1 G u, their jumps with the input.
+    Created by `linearise`. The states x are, in this order: the deviations of the unknowns with
+    mass; of the unknowns with damping but no mass; of the positions of motors; and the rates of the
+    unknowns with mass. Where motors move masses, the motion by the motors is subtracted from these
+    rates. Where an input u strains a damping material, a force G u' depends on the rate of u. The
+    jumps that it would cause are then subtracted: M^-1 G u from the rates, and C^-1 G u from the
+    unknowns with damping but no mass.
 
     Parameters
     ----------
@@ -330,14 +331,14 @@ class LinearSystem:
     def slowest(self, n: int) -> LinearSystem:
         """Reduce the system to its slowest modes, for the design of controllers.
 
-        Beams have axial vibrations that are faster by many orders than what is to be controlled:
-        methods such as `scipy.linalg.solve_continuous_are` fail with them. The modes left out
-        follow the inputs without delay, which adds to D.
+        Beams have axial vibrations that are faster by many orders than the motion to be controlled,
+        and methods such as `scipy.linalg.solve_continuous_are` fail with them. Modes that are left
+        out are assumed to follow the inputs without delay, which adds to D.
 
         Parameters
         ----------
         n : int
-            Number of states; one more is kept if only one of a complex pair would be left.
+            Number of states; one more is kept if this number would split a complex pair.
 
         Returns
         -------
@@ -396,12 +397,12 @@ class LinearSystem:
         Returns
         -------
         (n,) float
-            Its deviation from the state of the linear system, to first order.
+            Deviation of the motion from the state of the linear system, to first order.
 
         Raises
         ------
         SceneError
-            If it is neither, or of another scene.
+            If `of` is neither a motion nor a solution, or belongs to another scene.
         """
         expected = "a Motion or a Solution of the scene"
         require(isinstance(of, Motion | Solution), "deviation: of", of, expected)
@@ -421,12 +422,13 @@ def linearise(
     :math:`M \ddot z + C \dot z + K z = F u` for small deviations z of the unknowns, with joints and
     supports eliminated. All forces that depend on positions and rates are differentiated: stiffness
     (also geometric), springs, dampers, drag, retardation. About a state in motion, M, C and K also
-    have the terms of joints whose coupling changes (centrifugal and gyroscopic), and the system is
-    that of the instant: its coefficients are kept constant, although the state moves on, and its
-    unknowns are measured in space. About a static state that turns (``static(scene, spin=...)``)
-    all is seen in the frame that turns: deviations, and the directions of forces and outputs. Its
-    axes are those of space at the time of the state, and the system is the same at all times.
-    Unknowns without mass are eliminated if they have no damping, and are of first order otherwise.
+    have the centrifugal and gyroscopic terms of joints whose coupling changes. The system is then
+    that of the instant: its coefficients are constant, although the state moves on, and its
+    unknowns are measured in the fixed frame. About a static state that turns (``static(scene,
+    spin=...)``) deviations, and the directions of forces and outputs, are measured in the turning
+    frame. The axes of this frame are the fixed ones at the time of the state, and the system is the
+    same at all times. Unknowns without mass are eliminated if they have no damping, and are of
+    first order otherwise.
 
     The matrices A to D are full, as each acceleration depends on all masses: 1200 unknowns (400
     elements of degree 1) take about 1 s, 6000 unknowns 20 s and 5 GB. `LinearSystem.slowest` takes
@@ -438,8 +440,8 @@ def linearise(
     scene : Scene
         The scene.
     state : Solution or Motion, optional
-        Where: the last row of a static solution, which may turn, or of a motion over time with its
-        velocities, or the present state of a `Motion`, each with its values of the inputs. By
+        The state: the last row of a static solution, which may turn, or of a motion with its
+        velocities, or the present state of a `Motion`; inputs have the values of this state. By
         default the reference configuration at rest without loads, or the equilibrium to which
         springs under tension bring it, as for `modes`.
     inputs : sequence of str, optional

@@ -45,11 +45,11 @@ class Snapshot:
     Parameters
     ----------
     t : float
-        Its time [s].
+        Time of the snapshot [s].
     state : State
         The state, for internal use.
     step : (float, int)
-        Time at the start of the count of steps [s], and their number.
+        Time from which steps are counted [s], and number of steps since then.
     turns : (size,) float
         Full turns that are counted separately [rad].
 
@@ -393,7 +393,7 @@ class Motion:
             Values of inputs by their names: forces [N] and moments [N m] in this step, positions of
             motors and driven motions [m or rad] at its end.
         forces : dict, optional
-            Further forces (fx, fy) [N] by nodes, which act in this step only.
+            Additional forces (fx, fy) [N] by nodes, which act in this step only.
 
         Returns
         -------
@@ -403,9 +403,9 @@ class Motion:
         Raises
         ------
         SceneError
-            For an input that is unknown, has the wrong size or is not finite, for such a force or a
-            node of another scene, or if something was added to the scene since the motion was
-            created. Nothing is changed.
+            For an input that is unknown; for an input or a force that has the wrong size or is not
+            finite; for a node of another scene; or if something was added to the scene since the
+            motion was created. The motion is then unchanged.
         StepError
             If the step fails. The motion stays in the state before the step, with its inputs.
         """
@@ -500,7 +500,7 @@ class Motion:
     @property
     @one_motion
     def v(self) -> np.ndarray:
-        """Their rates, (n_node, 3) [m/s, rad/s]."""
+        """Present velocities and spins of the nodes, (n_node, 3) [m/s, rad/s]."""
         return np.array(self._settled.value("v")).reshape(-1, 3)
 
     @property
@@ -591,7 +591,8 @@ class Motion:
         Parameters
         ----------
         snapshot : Snapshot
-            From this motion, or from one of an equal scene with the same `dt` and scheme.
+            A snapshot of this motion, or of a motion of an equal scene with the same `dt` and
+            scheme.
 
         Returns
         -------

@@ -238,10 +238,10 @@ def to_csv(
     energies: bool | None = None,
     units: bool = False,
 ) -> None:
-    """Write energies, the motion of some parts of the scene, and outputs as columns with commas.
+    """Write energies, motions of parts of the scene, and outputs as a table with commas.
 
-    What was not recorded is left out, but for `outputs`. Before names that a spreadsheet would run
-    as formulas (with = + - or @ at their start) there is an apostrophe.
+    Quantities that were not recorded are left out, except `outputs`. Names that a spreadsheet would
+    run as formulas (with = + - or @ at their start) get an apostrophe before them.
 
     Parameters
     ----------
@@ -250,9 +250,9 @@ def to_csv(
     path : str or path
         File to write; its first row names the columns.
     nodes : dict, optional
-        Parts by the names that their columns shall begin with: nodes and bodies, with the reactions
-        of supports; places such as ``beam.at(0.5)``, with section forces N, Q, M; joints, ropes,
-        springs, contacts and gears, with all that an `Output` of them can be.
+        Parts by names, with which their columns begin: nodes and bodies, with the reactions of
+        supports; places such as ``beam.at(0.5)``, with section forces N, Q, M; joints, ropes,
+        springs, contacts and gears, with all quantities that an `Output` can have for them.
     outputs : dict of Output, optional
         Outputs by the names of their columns, to which components are added.
     energies : bool, optional
@@ -263,7 +263,7 @@ def to_csv(
     Raises
     ------
     SceneError
-        For what is no part or output of this solution.
+        For anything that is no part or output of this solution.
     ValueError
         For an output that was not recorded.
     """

@@ -25,10 +25,11 @@ _SUMS += ["seconds", "setup_seconds"]
 def then(solution, second):
     """Join the motion with one that started from its end.
 
-    For pictures, animations, tables and files of a motion in parts, such as one of a scene that
-    changes. The row at which the second motion starts is left out. Members that exist in one of
-    them only rest in the other one: before, in their reference shape; later, where they were last.
-    Forces of joints, supports and contacts that do not exist are zero, slides of joints NaN.
+    For pictures, animations, tables and files of a motion in parts, such as that of a scene which
+    changes. The first row of the second motion is left out. A member that exists in only one of the
+    motions is at rest in the other motion: before it exists in its reference shape, after it was
+    removed in its last shape. Forces of joints, supports and contacts that do not exist are zero,
+    slides of joints NaN.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def then(solution, second):
     Returns
     -------
     Solution
-        Both motions. Nodes have the numbers of the second one.
+        Both motions. Nodes have the numbers of the second motion.
 
     Raises
     ------

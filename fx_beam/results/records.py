@@ -162,9 +162,9 @@ class Energy:
     Parameters
     ----------
     kinetic : (n,) float
-        1/2 v.M v (eq. 8), with the rates of the scheme. Those of `Solution.v` fit the joints; where
-        couplings change with the motion, their energy is smaller, by the order of dt^4. Where the
-        rate of a driven motion jumps, it is smaller by the energy of the jump, from there on.
+        1/2 v.M v (eq. 8), with the rates v of the scheme. `Solution.v` has rates that joints allow:
+        their energy is smaller, by the order of dt^4 if the coupling by joints changes with the
+        motion, and by the energy of a jump after the rate of a driven motion has jumped.
     strain : (n,) float
         Stored energy of the beams (eq. 10).
     potential : (n,) float
@@ -184,8 +184,8 @@ class Energy:
     numerical : (n,) float, optional
         The part of `dissipated` that is due to `EnergyDecaying`. Zero by default.
     impact : (n,) float, optional
-        Energy since the start that velocities lost where the scene was changed between two motions:
-        new joints and supports act like a plastic impact. Zero by default.
+        Kinetic energy lost since the start by changes of the scene between two motions: new joints
+        and supports act like a plastic impact. Zero by default.
 
     Examples
     --------
@@ -291,8 +291,8 @@ class Stats:
         Parts of halved steps in which a node rotated by more than half a radian per step of the
         grid. Then `dt` is too large for the motion, and the result may depend on round-off.
     unconverged : int
-        Steps, each part of a halved step counted, that were halved as Newton's method did not
-        converge. Round-off may decide whether it does, and so where steps are halved.
+        Steps, each part of a halved step counted, that were halved because Newton's method did not
+        converge. Round-off may decide whether it converges, and therefore which steps are halved.
     inverted : int
         Steps, each part of a halved step counted, that end with a Gauss point at which a section
         is inverted: t . phi' > 0 (eq. 4) is violated.
@@ -307,11 +307,12 @@ class Stats:
         Number of Newton solves that ended by a small increment, and of those that ended at
         round-off.
     rounding : float
-        What rounding errors leave of the motion, relative to its largest displacement, but to no
-        less than 1e-5 of the size of the scene: the sum of the last corrections of those steps that
-        they ended. 0 if there are none. Later motion may let them grow.
+        Estimated effect of rounding errors, relative to the largest displacement of the motion or
+        to 1e-5 of the size of the scene, if that is more: the sum of the last corrections in steps
+        in which Newton's method ended at round-off. 0 if there are no such steps. The effect may
+        grow in the later motion.
     rounding_in : str
-        Beam or node with the largest of these corrections; empty if there are none.
+        Beam or node with the largest of these corrections; empty if there is none.
     seconds : float
         Time of the steps [s].
     setup_seconds : float
@@ -320,15 +321,15 @@ class Stats:
         Why the scene was set up anew; empty if only its numbers were new, after a scene of the same
         structure in a `Response`, a `Motion` or `simulate`.
     difference_reason : str
-        By which numbers of a `Response` derivatives are differences of `build`, and why; empty if
-        all follow from one call with dual numbers.
+        The parameters of a `Response` by which derivatives use differences of `build`, and why;
+        empty if one call with dual numbers gives all derivatives.
     compiled : list of str
         Compiled forms.
     assembled : list of str
         Matrices and loads of the scene.
     friction_damping : dict
         Damping tau [s] of friction that sticks (`Coulomb`): the least and the largest of each
-        contact or joint, by its text. That of two members is that of the first one's nodes.
+        contact or joint, by its text. For two members it is that of the nodes of the first one.
     failure : Failure, optional
         Why the run failed; none if it did not.
     until : str
@@ -338,20 +339,21 @@ class Stats:
         Time [s] of each change of the scene in the motion, by its name in the `changes` of
         `simulate`.
     file : str
-        File that has motion and rates in place of the solution, as asked for by a `Record`; empty
-        if there is none.
+        File with motion and rates, if `Record` has one; the solution then does not have them. Empty
+        otherwise.
     static : bool
         Whether the solution is static: its steps are load factors, not times.
     linear : bool
-        Whether it is a first-order one, by small displacements.
+        Whether the solution is linear, for small displacements.
     limit_points : list of float
         Load factors of the limit points on the path.
     closed : bool
         Whether the branch has returned to the bifurcation where it began, which is its last row.
     gradient_growth : float
         After `Response.vjp`: the largest derivative by the rates in the first half of the motion,
-        relative to that in the second half. It is of the order of 1 if later states depend on
-        earlier ones as in a vibration. In a chaotic motion it grows exponentially with time.
+        relative to the largest one in the second half. It is of the order of 1 if later states
+        depend on earlier states as in a vibration. In a chaotic motion it grows exponentially with
+        time.
 
     Examples
     --------

@@ -41,11 +41,11 @@ _LATER = {*HISTORIES, "energy", "end"}
 class Solution:
     """Motion of a scene over time, or its equilibria over the load factor.
 
-    Its arrays are read-only. Rates by the mid-point rule are the nearest ones, in the norm of the
-    mass, that fit the joints and driven motions, and mean forces of a step belong to these rates.
-    At nodes without mass that move freely, velocities by the mid-point rule are means over the step
-    that ends at t[k], or over the last part of a halved step; so are spins at nodes without rotary
-    inertia.
+    All arrays are read-only. With the mid-point schemes rates are projected, in the norm of the
+    mass, to rates that joints and driven motions allow, and the mean forces of a step belong to
+    these rates. At nodes without mass that move freely, velocities of the mid-point schemes are
+    means over the step that ends at t[k], or over the last part of a halved step, and so are spins
+    at nodes without rotary inertia.
 
     Parameters
     ----------
@@ -95,16 +95,17 @@ class Solution:
     t_level : (n,) float
         Times at which the rows of `resultants`, `reaction`, `JointMotion.force` and
         `ContactMotion.force` hold [s]: the scheme's level in the step that ends at t[k]. With
-        mid-point schemes the rows are means over the whole step, whatever its parts: times the
-        step's length they are impulses. With other schemes they are values, in the last part of a
-        halved step and in the last sub-step. Row 0 is the start: reactions and joint forces are
-        zero or, after `simulate(start=...)`, those of the last step before.
+        mid-point schemes the rows are means over the whole step, also if it was halved: the mean
+        times the length of the step is the impulse. With other schemes they are values, in a halved
+        step those of its last part, and in a scheme with sub-steps those of the last sub-step. Row
+        0 is the start: reactions and joint forces are zero or, after `simulate(start=...)`, those
+        of the last step before.
     q : (n, nodes, 3) float
         Displacements and rotation [m, rad].
     v : (n, nodes, 3) float
-        Rates of q; zero in a static solution.
+        Velocities and spins [m/s, rad/s]; zero in a static solution.
     a : (n, nodes, 3) float
-        Accelerations; zero in a static solution.
+        Accelerations [m/s^2, rad/s^2]; zero in a static solution.
     reactions : (n, nodes, 3) float
         Forces and moments of the supports on the nodes [N, N m].
     motor_forces : (n, joints) float
@@ -534,7 +535,7 @@ class Solution:
         Returns
         -------
         (n, elements * degree + 1, 2) float
-            Positions of its nodes, those inside elements included [m].
+            Positions of the nodes of the beam, those inside elements included [m].
         """
         nodes = self.nodes_of_beam[_beam_name(self, beam)]
         return self.X[nodes] + self.recorded("q")[:, nodes, :2]
@@ -584,7 +585,7 @@ class Solution:
         Raises
         ------
         SceneError
-            If its section has no sizes, or a strain energy of its own.
+            If the section of the beam has no sizes, or a `strain_energy`.
         ValueError
             As of `resultants`.
 
@@ -614,7 +615,7 @@ class Solution:
         Returns
         -------
         (n, elements * degree) float
-            Its values at the times t, at the arc lengths s of `resultants`.
+            Values of the variable at the times t and at the arc lengths s of `resultants`.
 
         Raises
         ------
@@ -639,8 +640,9 @@ class Solution:
         Returns
         -------
         (n, ...) float
-            Its values at t, of forces at `t_level`: (n,) for a number, (n, components) for several,
-            and (n, points) for "N", "Q" and "M" of a beam. `Output.unit` is their unit.
+            Values at the times `t`, of forces at `t_level`: (n,) for a single number, (n,
+            components) for several, and (n, points) for "N", "Q" and "M" of a beam. `Output.unit`
+            is the unit.
 
         Raises
         ------
@@ -648,7 +650,7 @@ class Solution:
             For anything but an output, for "critical_load" and "period", and for parts of other
             scenes.
         ValueError
-            If what it needs was not recorded.
+            If a needed quantity was not recorded.
 
         Examples
         --------

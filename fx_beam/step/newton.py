@@ -33,12 +33,12 @@ class NewtonOptions:
     tolerance : float
         Largest entry of the last correction: displacements divided by the size of the scene (1 m
         for a single node), and rotations in radians. Convergence is quadratic: the remaining error
-        is far smaller. In a stiff scene a small correction may do much work; the work of the last
-        correction is at most 1e-4 times the tolerance, relative to the energy of the step: on the
-        whole, and on each beam and body relative to its own. The last correction may be larger if
-        the next one, predicted by quadratic convergence, would be at most 1e-6 times the tolerance,
-        and if its own work is at most the tolerance times twice the kinetic energy: again on the
-        whole, and on each part.
+        is far smaller. In a stiff scene a small correction may do much work. Therefore the work of
+        the last correction must also be at most 1e-4 times the tolerance times the energy of the
+        step: for the whole scene, and for each beam and body with its own energy. The last
+        correction may be larger if the next one, predicted by quadratic convergence, would be at
+        most 1e-6 times the tolerance, and if its work is at most the tolerance times twice the
+        kinetic energy, again for the whole scene and for each part.
     max_iterations : int
         Largest number of corrections; the step fails if it has not converged by then.
     max_turn : float

@@ -75,17 +75,17 @@ class Record:
         Whether to record the forces of supports and joints.
     times : sequence of float, optional
         Increasing times of the rows [s], in place of the ends of steps. Displacements and rotations
-        are those of polynomials through the nearest ends of steps, cubic for schemes of order 2, of
-        degree 5 for order 4, on the smooth side of a contact; velocities are their derivatives.
-        Energies and momenta are linear; forces and accelerations are those of the step. All steps
-        are stored to the end; the motion must be recorded. Other times than the run's are left out;
-        where `until` ends it, this time is added.
+        are interpolated by polynomials through the nearest ends of steps, cubic for schemes of
+        order 2, of degree 5 for order 4, without crossing the start or end of a contact; velocities
+        are the derivatives of these polynomials. Energies and momenta are interpolated linearly;
+        forces and accelerations are those of the step. The run stores all steps, and `motion` must
+        be True. Times outside the run are left out; if `until` ends the run, this time is added.
     file : str or path, optional
-        For large scenes: a file for ParaView, such as "run.pvd", to which motion and rates go as
-        they come, with stress resultants and internal variables, in place of memory. The
-        solution has all else, and its end, from which another motion starts. The folder "run" has
-        the grids, and "end.npz", the solution so far. Only for `simulate` without `until`,
-        `changes` and `times`.
+        For large scenes: a file for ParaView, such as "run.pvd". Motion, rates, stress resultants
+        and internal variables are written to it during the run, and not kept in memory. The
+        solution has all other quantities and the last state, from which another motion can start.
+        The folder "run" has the grids, and "end.npz" with the solution so far. Only for `simulate`
+        without `until`, `changes` and `times`.
 
     Examples
     --------

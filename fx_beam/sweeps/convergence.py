@@ -97,10 +97,11 @@ def converge(
     Each run chooses its steps by a tolerance. From run to run either this tolerance is divided by
     four or the number of elements is doubled, whichever has changed the quantity more. This ends
     when half of the last change by the steps plus half of the last change by the mesh is below the
-    `tolerance`. A change that is far smaller than the one before is chance: it counts as an eighth
-    of that by the steps, or as 1 / (2 4^degree) of that by the mesh. The quantity must converge,
-    which it does not in a chaotic motion. What none of the first runs sees, such as damage that
-    begins only on a finer mesh, is found as 0 with the error 0: begin with more `elements`.
+    `tolerance`. A change that is far smaller than the one before may be accidental: it is taken to
+    be at least an eighth of the change before by the steps, or 1 / (2 4^degree) of the change
+    before by the mesh. The quantity must converge, which it does not in a chaotic motion. An effect
+    that occurs in none of the first runs, such as damage that begins only on a finer mesh, gives
+    the value 0 with the error 0: begin with more `elements`.
 
     Parameters
     ----------
@@ -116,7 +117,7 @@ def converge(
     scheme : Scheme, optional
         Time scheme; `EnergyMomentum()` by default.
     elements : int
-        Elements at first.
+        Number of elements in the first run.
     degree : int
         Degree of the elements; it is not changed.
     breaks : sequence of float, optional
@@ -134,10 +135,10 @@ def converge(
     SceneError
         If an option or a scene is invalid.
     StepError
-        If a run fails, or if the quantity is not known after `max_runs` runs. Its attribute
-        `solution` is that of the last run. This and every other exception, such as
-        KeyboardInterrupt after Ctrl-C, has `values`: the quantity by elements and tolerance of the
-        steps, in the runs that ended.
+        If a run fails, or if the quantity is not known after `max_runs` runs. The attribute
+        `solution` is that of the last run. This exception and any other, such as KeyboardInterrupt
+        after Ctrl-C, has the attribute `values`: the quantity by elements and tolerance of the
+        steps, in the completed runs.
 
     Examples
     --------
