@@ -350,16 +350,6 @@ DRAWN = {
 SHOWN = "modules", *list(DRAWN)[:3], "first result [s]", *list(DRAWN)[3:]
 
 
-def largest_arrays(row, plain, most=3):
-    """The arrays by which a scene has most more than the plainest, in bytes a node."""
-    more = {
-        name: size / row["nodes"] - plain["arrays"].get(name, 0) / plain["nodes"]
-        for name, size in row["arrays"].items()
-    }
-    largest = sorted(more, key=more.get, reverse=True)[:most]
-    return ", ".join(f"{name} {more[name]:.0f}" for name in largest if more[name] >= 8)
-
-
 def sentences(rows):
     """Sentences on the table."""
     plain = next(row for row in rows if row["scene"] == PLAIN)
@@ -429,10 +419,8 @@ def main(quick=False, results=ROOT / "results" / "cost", docs=False):
     from fx_beam_studies import reporting  # not where modules are counted
 
     rows = study(FEW if quick else SCENES, not quick)
-    plain = next(row for row in rows if row["scene"] == PLAIN)
     shown = [
         {name: row.get(name) for name in ("scene", "unknowns", *SHOWN) if name in row}
-        | {"arrays beyond the plainest [bytes a node]": largest_arrays(row, plain)}
         for row in rows
     ]
     told = sentences(rows)
