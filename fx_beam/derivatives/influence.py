@@ -57,8 +57,8 @@ def influence(
 ) -> InfluenceLines:
     """Compute influence lines: outputs under a unit force at each place along beams.
 
-    They are those of ``static(scene, linear=True)`` without loads, but by reciprocity: one solution
-    for each output in place of one for each place.
+    The values are those of ``static(scene, linear=True)`` under this force alone, found by
+    reciprocity: one solution for each output, not for each place.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def influence(
         `Output` by names: displacements, reactions, forces of joints and lines, section forces,
         stresses.
     along : Beam or sequence of Beam
-        Where the force goes: a beam, or several, one behind the other.
+        The path of the force: a beam, or several beams, one behind the other.
     direction : (2,) float
         Direction of the force, of any length; by default downwards.
     s : (places,) float, optional
@@ -84,9 +84,8 @@ def influence(
     Raises
     ------
     SceneError
-        For beams and outputs that are not of the scene, and places beyond the beams; if something
-        but loads and natural strains moves the scene, as a motor; and as of `static` and of
-        `StaticResponse`.
+        For beams and outputs of other scenes, and places beyond the beams; if a motor or a
+        prescribed motion moves the scene; and in the cases of `static` and `StaticResponse`.
 
     Examples
     --------

@@ -43,11 +43,11 @@ def buckling(
 ) -> BucklingModes:
     r"""Compute load factors and shapes of linear buckling.
 
-    With the stiffness :math:`K_0` about a state, the forces in members, lines and joints by its
-    first-order answer under the loads, and their geometric stiffness :math:`K_g` in the shape of
-    the state, it solves :math:`(K_0 + \lambda K_g) \varphi = 0`. Displacements before the critical
-    load are neglected: where members deform much before they buckle, as shallow arches, take
-    `static` with ``continuation="arc-length"``.
+    It solves :math:`(K_0 + \lambda K_g) \varphi = 0`, with the stiffness :math:`K_0` about a state,
+    and the geometric stiffness :math:`K_g`, in the shape of this state, of the first-order forces
+    of the loads in members, lines and joints. Displacements before the critical load are neglected:
+    where members deform much before they buckle, as shallow arches, take `static` with
+    ``continuation="arc-length"``.
 
     Parameters
     ----------
@@ -56,10 +56,9 @@ def buckling(
         prescribed motions and motors; not the forces of springs that are under tension in the
         scene as it is drawn.
     state : Solution, optional
-        An equilibrium at rest, from `static`, with loads that stay, such as prestress or the
-        weight: its last row. They are dead loads. The loads of `scene` are then those which
-        increase beside them. By default the equilibrium without loads, to which springs under
-        tension have brought the scene.
+        The last row of a `static` solution at rest, with loads that do not increase, such as
+        prestress or the weight (dead loads). The loads of `scene` are then those that increase. By
+        default the equilibrium without loads, with springs under tension.
     n : int
         Number of load factors; fewer are given if there are fewer positive ones.
     t : float

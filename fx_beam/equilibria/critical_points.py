@@ -126,9 +126,9 @@ def _same(point: Any, other: Any) -> bool:
 def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     """Copy of a scene whose reference shape, without stress, has a mode added.
 
-    Elements of degree 2 and 3 become curved. Handles of the scene, such as beams, are not those of
-    the copy: its own are in ``copy.beams`` and ``copy.nodes``, in the same order. `Beam.node` of
-    the copy takes the fractions of the scene.
+    Elements of degree 2 and 3 become curved. Beams and nodes of the scene are not those of the
+    copy, which are in ``copy.beams`` and ``copy.nodes``, in the same order. `Beam.node` of the copy
+    takes the fractions of the scene.
 
     Parameters
     ----------
@@ -749,20 +749,20 @@ class CriticalPoint:
     ----------
     kind : {"limit point", "bifurcation", "flutter", "contact", "flow", "kink", "not located"}
         At a limit point the load factor has an extremum: the loads do work on the mode. At a
-        bifurcation it rises or falls, and other paths start. Flutter is a vibration that begins to
-        grow, under forces that follow the motion, or one that ends; its two modes may go on growing
-        without vibrating. At the next three the stiffness jumps from one sign to the other, where a
-        contact opens or closes, where members or springs begin to flow or to slip, or at a kink of
-        a law of springs; the load factor may have an extremum there, with a corner of the path.
-        "not located" stands for all that was not found between two rows.
+        bifurcation it rises or falls, and other paths start. Flutter is a vibration, under forces
+        that follow the motion, that begins or ceases to grow; its two modes may continue to grow
+        without vibrating. At "contact", "flow" and "kink" the stiffness jumps from one sign to the
+        other: where a contact opens or closes, where members or springs begin to flow or to slip,
+        or at a kink in the law of a spring; the load factor may have an extremum there, with a
+        corner of the path. "not located" is a point that was not found between two rows.
     load_factor : float
         The load factor; nan if the point was not located.
     row : int
         The last row of the path before the point.
     modes : Modes, optional
-        Its modes, the null vectors of the tangent; several if more modes become unstable at once.
-        Where the stiffness jumps, those that are unstable on one side. Their signs follow the rule
-        of `Modes`. None if the point was not located.
+        The null vectors of the tangent; several if several modes become unstable at once. Where the
+        stiffness jumps, the modes that are unstable on one side. Their signs follow the rule of
+        `Modes`. None if the point was not located.
     solution : Solution, optional
         The point itself as a static solution of one row, for example to start a motion from. None
         if the point was not located.

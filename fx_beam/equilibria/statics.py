@@ -557,13 +557,13 @@ def static(
     """Compute equilibria of a scene while its loads rise from zero.
 
     The load factor multiplies all loads, including the weight, natural strains, prescribed motions
-    and motors. At the load factor 0 springs that are under tension in the scene as it is drawn are
-    held there, by forces that fade as it rises. A path whose last row is unstable ends with a
-    warning. Functions of time are evaluated at the time `t`. Inertia, damping and initial
-    velocities have no effect; `Coulomb` friction acts. The work of the loads uses the mean of the
-    forces at both ends of each step; the energy balance thus has an error of second order in the
-    steps. The potential energy is that of the full weight; the part of the weight that does not act
-    yet is counted as an upward load.
+    and motors. At the load factor 0 auxiliary forces hold springs that are under tension in the
+    scene as drawn; these forces decrease to zero as the load factor rises. A path whose last row is
+    unstable ends with a warning. Functions of time are evaluated at the time `t`. Inertia, damping
+    and initial velocities have no effect; `Coulomb` friction acts. The work of the loads uses the
+    mean of the forces at both ends of each step; the energy balance thus has an error of second
+    order in the steps. The potential energy is that of the full weight, and the part of the weight
+    that does not act yet is an upward load.
 
     Parameters
     ----------
@@ -573,15 +573,15 @@ def static(
         Number of load steps, if none is divided. A step that fails, whose work is too inaccurate,
         or in which modes become unstable at no critical point, is halved; after steps with few
         iterations the length is doubled again. Where a stable path bends too sharply for all cuts,
-        as at Euler's load of what is pushed together, rows along its arc length lead to the end of
-        the load step, if the load factor only rises there. An arc-length step changes the load
-        factor by at most 1/`load_steps`, and its turn is limited in proportion.
+        as near Euler's load of a compressed member, arc-length steps lead to the end of the load
+        step, if the load factor only rises on the way. An arc-length step changes the load factor
+        by at most 1/`load_steps`, and the direction of the path by an angle in proportion.
     t : float
         Time at which functions of time are evaluated [s].
     continuation : {"arc-length"}, optional
-        Method to pass limit points: the load factor is an unknown; it falls after a limit point
-        and rises again after the next. A path is abandoned at the load factor -10, and where no
-        force is left that carries more load. By default the load factor only rises.
+        Method to pass limit points: the load factor is an unknown; it falls after a limit point and
+        rises again after the next. A path ends at the load factor -10, and where no further load
+        can be carried. By default the load factor only rises.
     newton : NewtonOptions, optional
         Convergence criteria of Newton's method.
     max_cuts : int
@@ -593,7 +593,7 @@ def static(
         Whether to show a progress bar; by default on a terminal if the run takes longer than two
         seconds.
     inputs : dict, optional
-        For names of inputs of the scene (`Input`) a constant or a function of time. The others are
+        A constant or a function of time for each name of an `Input` of the scene; other inputs are
         zero.
     spin : float
         Spin Omega [rad/s] of a frame in which the scene rests: a steady turn, with the centrifugal
@@ -609,14 +609,14 @@ def static(
         motors continue from their present position; a new support holds its node where it is.
         Velocities have no effect. Internal variables, work and dissipated energy continue.
 
-        Or a branch, ``point.branch(+1)`` of a bifurcation among the `critical_points` of a path of
-        the same scene that had no `start`, with the same `t` and `inputs`; with
+        Or a branch, ``point.branch(+1)`` of a bifurcation among the `critical_points` of a path
+        without `start` of the same scene, with the same `t` and `inputs` and
         ``continuation="arc-length"``. The first row is the bifurcation. The path ends at load
-        factor 1, or at the bifurcation if it returns there, which ``stats.closed`` says.
+        factor 1, or at the bifurcation if it returns there (``stats.closed``).
     branches : int
-        Levels of branches that are followed, by arc length, from all bifurcations in both
-        directions of each mode; those of the second level start at bifurcations of the first. They
-        are in ``solution.branches``.
+        Levels of branches to be followed by arc length, from all bifurcations in both directions of
+        each mode; branches of the second level start at bifurcations of the first level.
+        ``solution.branches`` has them.
     stop_at : {"limit point"}, optional
         Where an arc-length path ends before the load factor 1. The first limit point is then the
         last row but one.
@@ -643,8 +643,8 @@ def static(
     StepError
         If a step fails. Its attribute `solution` has all steps before it, `time` the load factor.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the steps so far, or is None before the first
-        one. Every other exception has `solution` as well.
+        After Ctrl-C. The attribute `solution` has the steps so far, or is None before the first
+        one. Any other exception has this attribute as well.
 
     Examples
     --------

@@ -39,22 +39,22 @@ def frequency_response(
 
     :math:`(K + i \omega C - \omega^2 M) \hat x = \hat F`, with the stiffness, damping and mass of
     `modes`, and one factorisation for each frequency. The loads of the scene do not vibrate; they
-    count in the state. Prescribed motions, motors and internal variables are fixed.
+    act in the state. Prescribed motions, motors and internal variables are fixed.
 
-    With a base all that stands on the ground moves by the same :math:`\hat b`: all supports and
-    prescribed nodes, fixed points, the ground of joints, dampers and obstacles, and the air of
-    drag. Relative to it :math:`\hat F = \omega^2 T^T M \hat b`, with the masses of all nodes. What
-    is returned for a node is its absolute motion, seen from a place at rest: with ``base=(1, 0)``
-    the transmissibility, which is also the ratio of accelerations. Subtract :math:`\hat b` for its
-    motion relative to the base; coordinates of joints are relative already.
+    With a `base` the whole ground moves by :math:`\hat b`: all supports and prescribed nodes, fixed
+    points, the ground of joints, dampers and obstacles, and the air of drag. For motions relative
+    to the base :math:`\hat F = \omega^2 T^T M \hat b`, with the masses of all nodes. The result for
+    a node is its absolute motion: with ``base=(1, 0)`` the transmissibility, which is also the
+    ratio of accelerations. Subtract :math:`\hat b` for the motion relative to the base; coordinates
+    of joints are relative.
 
     Parameters
     ----------
     scene : Scene
         The scene.
     load : (Node, components), optional
-        The node and the amplitudes (fx, fy) of its force [N], or (fx, fy, moment) with a moment
-        [N m]. Complex ones have phases of their own.
+        The node and the amplitudes (fx, fy) of its force [N], or (fx, fy, moment) with a moment [N
+        m]. Complex amplitudes have different phases.
     at : Node or Joint
         The node whose motion is wanted, or the joint whose free coordinates are.
     frequencies : (n,) float
@@ -67,9 +67,9 @@ def frequency_response(
         In place of a load, the amplitudes of the displacement of the base [m] in x and y. An
         acceleration a [m/s^2] at a frequency f has the amplitude ``-a / (2 pi f)**2``.
     damping_ratio : float or (n,) float, optional
-        Modal damping beside that of the scene: damping ratios of the n lowest modes; or one for all
-        modes up to three times the largest of the `frequencies`. Each of these modes has exactly
-        its ratio. Higher modes have that of the last one in proportion to their frequencies.
+        Modal damping in addition to that of the scene: damping ratios of the n lowest modes, or one
+        ratio for all modes up to three times the largest of the `frequencies`. The ratio of higher
+        modes is the last one, times their frequency over that of the last mode.
 
     Returns
     -------
@@ -79,15 +79,15 @@ def frequency_response(
     Raises
     ------
     SceneError
-        For a node, load, base, joint or frequency that is not one, for a load and a base or
-        neither, a state that is no equilibrium, or if the scene has no unknowns.
-        For a base in a state that turns.
-        If the motion has no bound: at a natural frequency without damping, or at 0 Hz for a scene
-        that moves freely.
+        For an invalid node, load, base, joint or frequency, if not exactly one of load and base is
+        given, for a state that is no equilibrium, a base in a turning state, or a scene without
+        unknowns. If the motion has no bound: at a natural frequency without damping, or at 0 Hz for
+        a scene that moves freely.
 
     Examples
     --------
-    A cantilever, at its first natural frequency of 0.56 Hz: as 1/(2 zeta) of the static deflection.
+    A cantilever: its static deflection, and the amplitude at the first natural frequency of 0.56
+    Hz, larger by the factor 1/(2 zeta).
 
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
@@ -101,14 +101,15 @@ def frequency_response(
     >>> round(float(abs(static)), 5), round(float(abs(resonant / static)), 1)
     (0.00333, 27.6)
 
-    The same cantilever on a base that shakes across it, as slowly as nothing and at resonance: its
-    tip then moves by 1.566/(2 zeta), with the participation of the first mode.
+    The same cantilever on a base that shakes across it, very slowly and at resonance, where its tip
+    moves by 1.566/(2 zeta), with the participation of the first mode.
 
     >>> shaken = fb.frequency_response(scene, at=beam.end, frequencies=[0.0, f], base=(0.0, 1.0))
     >>> shaken.amplitude[:, 1].round(1)
     array([ 1. , 44.5])
 
-    Two per cent for each mode, in place of a retardation: 1/(2 zeta) = 25 times the static one.
+    A damping ratio of two per cent for each mode, in place of a retardation: about 1/(2 zeta) = 25
+    times the static deflection.
 
     >>> import dataclasses
     >>> scene = fb.Scene()

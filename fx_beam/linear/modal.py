@@ -253,9 +253,8 @@ def _roots(k, c, m, unit: float, zeros: int, relaxing: int) -> ModeParts:
 def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:
     r"""Choose Rayleigh damping C = alpha M + tau K for two given damping ratios.
 
-    A mode of angular frequency omega then has the damping ratio
-    :math:`\zeta = \alpha / (2 \omega) + \tau \omega / 2`: less between the two frequencies, more
-    outside.
+    A mode of angular frequency omega then has the damping ratio :math:`\zeta = \alpha / (2 \omega)
+    + \tau \omega / 2`: lower between the two frequencies, higher outside.
 
     Parameters
     ----------
@@ -274,7 +273,7 @@ def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[flo
     Raises
     ------
     SceneError
-        If one of both would be negative, or for frequencies that are equal or not positive.
+        If alpha or tau would be negative, or for frequencies that are equal or not positive.
 
     Examples
     --------
@@ -317,8 +316,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     friction of joints, and added forces against the velocity. Prescribed motions, motors and
     internal variables are fixed.
 
-    Of a state that turns the modes are those seen in its turning frame, with centrifugal and
-    Coriolis forces; damping is by the rates seen there. A free turn is a rigid mode.
+    About a turning state the modes are those in the turning frame, with centrifugal and Coriolis
+    forces; damping depends on the rates in this frame. A free turn is a rigid mode.
 
     Parameters
     ----------
@@ -333,7 +332,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     n : int
         Number of modes; fewer are returned if the scene has fewer degrees of freedom with mass.
     damping : bool
-        Whether damping counts; without it a damped scene has real shapes.
+        Whether damping is included; without damping all shapes are real.
 
     Returns
     -------
@@ -343,11 +342,11 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     Raises
     ------
     SceneError
-        If the state is no equilibrium; the message says what has no balance. If the scene cannot
-        vibrate: it has no mass or no unknowns; if its damping at rest is infinite; or if it moves
-        freely, and its stiffness is not symmetric.
+        If the state is no equilibrium; the message names the node without balance. If the scene has
+        no mass or no unknowns; if its damping at rest is infinite; or if it moves freely, and its
+        stiffness is not symmetric.
     RuntimeError
-        If no modes are found, or damped ones do not converge.
+        If no modes are found, or damped modes do not converge.
 
     Examples
     --------

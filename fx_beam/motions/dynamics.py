@@ -258,32 +258,32 @@ def simulate(
     t_end : float
         End of the simulation [s].
     dt : float
-        Time step [s]. The last step is shorter where `t_end` is no multiple of it. With a
-        tolerance it is the first length that is tried, and optional.
+        Time step [s]. The last step is shorter if `t_end` is no multiple of `dt`. With a tolerance
+        `dt` is optional, the length that is tried first.
     tolerance : float, optional
-        With a tolerance, the steps are chosen such that the errors of displacements over time are
-        about as large, relative to the size of the scene (1 m for a single node). No local error of
-        a displacement or of a rotation [rad] is above half of the tolerance. Smaller errors of
-        displacements add up from step to step; those of vibrations that are too fast for the steps
-        do not. It applies to schemes of order 2 and 4; where motions are sensitive, errors grow
-        with time.
+        With a tolerance the steps are chosen such that errors of displacements are about as large
+        as the tolerance times the size of the scene (1 m for a single node). No local error of a
+        displacement or of a rotation [rad] is above half of the tolerance. The sum of errors over
+        steps is limited as well, without vibrations that are too fast for the steps. For schemes of
+        order 2 and 4; in sensitive motions errors grow with time.
     dt_max : float, optional
         Largest step with a tolerance [s]; by default a tenth of the whole time. A load that acts
         for a shorter time may be overlooked.
     breaks : sequence of float, optional
         Times at which loads or driven motions have a kink or a jump [s]. With a tolerance steps end
-        there. At other jumps steps become short; at kinks order 4 loses accuracy.
+        at these times. At jumps that are not given steps become short; at such kinks order 4 loses
+        accuracy.
     start : Solution, optional
         Solution whose end is the initial state; by default the reference configuration. From a
         static solution the scene starts deformed, with its initial velocities, at the time `t` of
-        `static`; with a spin it continues to turn, without other velocities. From an earlier
-        motion the simulation continues without interruption, including the work done so far and,
-        for the same scheme and `dt`, the length of sub-steps. Loads, masses, supports, joints and
-        members may have changed since. Members that stay are known by their names; new ones begin
+        `static`; with a spin it continues to turn, without other velocities. From an earlier motion
+        the simulation continues without interruption, including the work done so far and, for the
+        same scheme and `dt`, the length of sub-steps. Loads, masses, supports, joints and members
+        may have changed since. Members that stay are recognised by their names; new members begin
         in their reference shape with their initial velocities. Joints must be satisfied in this
-        state. Velocities are projected by the mass onto what new joints and supports allow, as in
-        a plastic impact: `Energy.impact` is what they lose. Energy that came or went with members
-        is part of `Energy.work`.
+        state. Velocities are projected by the mass onto those that new joints and supports allow,
+        as in a plastic impact: `Energy.impact` is the lost energy. Energy that is added or removed
+        with members is part of `Energy.work`.
     newton : NewtonOptions, optional
         Convergence criteria of Newton's method.
     max_halvings : int
@@ -295,23 +295,23 @@ def simulate(
         Whether to show a progress bar; by default on a terminal if the run takes longer than two
         seconds.
     inputs : dict, optional
-        For names of inputs of the scene (`Input`) a function of time or a constant. The others are
-        zero. Use `Motion` to set them step by step.
+        A function of time or a constant for each name of an `Input` of the scene; other inputs are
+        zero. Use `Motion` to set inputs step by step.
     until : callable or dict, optional
         ``until(t, y)`` ends the motion before `t_end`, where this function of the time and of a
         dictionary of `outputs` changes its sign, or a condition such as ``y["x"] > 0.5`` becomes
         true. The last step ends there exactly, up to 1e-13 of its length, so that nothing is
-        interpolated. It may be some functions by their names; `Stats.until` is the name of the
-        one that ended the motion. What changes twice within a step is not seen. Of forces, which
-        are means over steps or those at a level in them, those at the end count, by the line
-        through the last two.
+        interpolated. A dict has several functions by names; `Stats.until` is the name of the
+        function that ended the motion. A sign that changes twice within a step is not seen. Forces
+        are means over steps or values at a level in them: here they are extrapolated to the end of
+        the step, by the line through the last two.
     outputs : dict, optional
         Outputs that `until` needs: `Output` by names, as in `Motion`.
     changes : dict, optional
         Latches that close and joints that break, `Latch` and `Fuse` by names. At the time of each
-        one, found as for `until`, a step ends, and the motion goes on with the changed scene, by
-        steps `dt` from there. `Stats.changes` has the times. The scene stays changed, as by
-        `Scene.lock` and `Scene.remove`: a motion that starts from the solution goes on with it.
+        change, found as for `until`, a step ends, and the motion continues with the changed scene
+        and new steps `dt`. `Stats.changes` has the times. The scene remains changed, as by
+        `Scene.lock` and `Scene.remove`: a motion that starts from the solution continues with it.
 
     Returns
     -------
@@ -326,9 +326,9 @@ def simulate(
     StepError
         If a step fails. Its attribute `solution` has all steps before it.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the steps so far, or is None before the first
-        one; as the `start` of another call it continues the run. Every other exception, such as
-        one from a signal handler, has `solution` as well.
+        After Ctrl-C. The attribute `solution` has the steps so far, or is None before the first
+        one; as the `start` of another call it continues the run. Any other exception has this
+        attribute as well.
 
     Examples
     --------

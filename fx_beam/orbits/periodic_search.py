@@ -44,9 +44,9 @@ def periodic(
 ) -> PeriodicMotion:
     """Find a motion that repeats itself, by shooting.
 
-    Newton's method finds the state that is the same after one period; its derivatives are those of
-    the steps as they are computed. Forced motions, of a scene whose loads or motors are functions
-    of time, have the period of these functions. Free motions have a period of their own.
+    Newton's method finds the state that is the same after one period, with the derivatives of the
+    computed steps. Forced motions, of a scene whose loads or motors are functions of time, have the
+    period of these functions. Free motions have a period of their own.
 
     Parameters
     ----------
@@ -58,11 +58,11 @@ def periodic(
     mode : int, optional
         Number of the mode, as of `modes`, from which the search for a free motion begins.
     amplitude : float, optional
-        With a mode: its amplitude at the start [m], of the component of a node that moves most in
-        the mode (a rotation [rad] if no node moves).
+        With a mode: the amplitude at the start [m] of that component of a node which moves most in
+        the mode (a rotation [rad] if nodes only turn).
     energy : float, optional
-        Energy of a free motion [J], with that of constant loads; zero in the reference
-        configuration.
+        Energy of a free motion [J], including the potential of constant loads; zero in the
+        reference configuration.
     period : float, optional
         Period [s]: for a forced motion that of its loads, or a multiple of it; for a free motion
         the one that is wanted.
@@ -70,14 +70,14 @@ def periodic(
         Equilibrium about which the mode vibrates, such as ``static(scene)``; by default the
         reference configuration without loads.
     steps : int
-        Number of steps of equal length in a period, which is odd: what joints leave in the rates
-        alternates from step to step, and has no part in the motion then.
+        Odd number of equal steps in a period; with an odd number, parts of the rates that alternate
+        from step to step, as at joints, cannot be periodic.
     scheme : Scheme, optional
         Time scheme; `EnergyMomentum()` by default.
     tolerance : float
-        Largest distance of the states before and after the period, relative to the motion. Of
-        motions below 1e-5 of the scene it is 1e-14 of the scene, which is round-off. Where
-        round-off in stiff scenes leaves more, up to 1e-6, a warning says so.
+        Largest distance of the states before and after the period, relative to the motion. For
+        motions below 1e-5 of the size of the scene it is 1e-14 of this size, which is round-off.
+        Where round-off in stiff scenes leaves more, up to 1e-6, a warning says so.
     newton : NewtonOptions, optional
         Convergence criteria of the steps.
 
@@ -222,9 +222,9 @@ def backbone(
     mode : int
         Number of the mode, as of `modes`.
     amplitude : float, optional
-        Where the family ends: amplitude at the start [m], as of `periodic`.
+        Amplitude at the start [m], as of `periodic`, at which the family ends.
     energy : float, optional
-        Or its energy there [J].
+        Energy [J] at which the family ends, in the place of an amplitude.
     state : Solution, optional
         Equilibrium about which the mode vibrates; by default the reference configuration without
         loads.
@@ -339,7 +339,7 @@ def forced_response(
         Frequencies [Hz] at which the curve begins and ends, rising or falling.
     start : Solution, optional
         Solution at whose end the search for the first motion begins; by default the initial state
-        of the scene. Of a scene with static loads it is their equilibrium.
+        of the scene. For a scene with static loads take their equilibrium.
     periods : int
         Number of periods of the loads after which a motion repeats itself: 2 after a period
         doubling.

@@ -55,7 +55,7 @@ class SpectrumResponse:
 
     Examples
     --------
-    Of two modes without a rigid part the root of squares, as their periods are far apart.
+    Two modes without a rigid part, with periods far apart: the root of the sum of squares.
 
     >>> import numpy as np, fx_beam as fb
     >>> modal = {"drift": np.array([3e-3, -4e-3])}
@@ -208,7 +208,7 @@ class Participation(NamedTuple):
 
     @property
     def shares(self) -> np.ndarray:
-        """Parts (n,) of the total that are the effective masses."""
+        """Effective masses (n,) as parts of `total`."""
         return self.effective_masses / self.total
 
 
@@ -222,14 +222,13 @@ class Modes:
     negative, the configuration is unstable: the amplitude grows as :math:`e^{|\omega| t}`, and the
     frequency is given as the negative number :math:`-|\omega|`.
 
-    With damping the motion is :math:`\mathrm{Re}\,\hat x e^{\lambda t}`, with
-    :math:`(\lambda^2 M + \lambda C + K) \hat x = 0`. A pair of complex roots is one mode,
-    :math:`\lambda = \omega (-\zeta + i \sqrt{1 - \zeta^2})`. An overdamped mode has two real
-    roots; the slower one stands for both. Its frequency and damping ratio are those of the modal
-    mass 1, :math:`\omega^2 = \hat x.K \hat x` and :math:`2 \zeta \omega = \hat x.C \hat x`.
-    Where a node without mass relaxes against a damper, the root is alone, and is no mode:
-    `linearise` has it among the eigenvalues of its matrix A.
-    In a frame that turns, C has the Coriolis forces as well, which do not damp.
+    With damping the motion is :math:`\mathrm{Re}\,\hat x e^{\lambda t}`, with :math:`(\lambda^2 M +
+    \lambda C + K) \hat x = 0`. A pair of complex roots is one mode, :math:`\lambda = \omega (-\zeta
+    + i \sqrt{1 - \zeta^2})`. An overdamped mode has two real roots, of which `eigenvalues` has the
+    slower one. Its frequency and damping ratio are those of the modal mass 1, :math:`\omega^2 =
+    \hat x.K \hat x` and :math:`2 \zeta \omega = \hat x.C \hat x`. A node without mass that relaxes
+    against a damper has a single root and is no mode: it is an eigenvalue of the matrix A of
+    `linearise`. In a turning frame C includes the Coriolis forces, which do not damp.
 
     Parameters
     ----------
@@ -241,10 +240,10 @@ class Modes:
     shapes : (n, n_node, 3) float or complex
         Displacements and rotations of the nodes, with modal mass 1: shape.M.shape = 1 kg m^2, with
         the conjugate of one of both. Complex for damped scenes, since the nodes of a mode need not
-        move in phase; the phase is chosen such that the imaginary part is small. The sign: of the
-        displacements along x and y of all nodes, in their order, the first one that is within
-        0.1 % of the largest is positive (of complex ones the real part); where nodes only turn, of
-        the rotations.
+        move in phase; the phase is chosen such that the imaginary part is small. The sign is chosen
+        such that the first of all displacements, node by node along x and y, whose size is within
+        0.1 % of the largest, is positive (for complex shapes its real part); if nodes only turn,
+        the same holds for rotations.
     positions : (n_node, 2) float
         Positions of the nodes in the configuration [m].
     nodes_of_beam : dict
@@ -260,7 +259,7 @@ class Modes:
     bodies, beams : dict, optional
         The bodies and the beams by name.
     excitation : Excitation or callable, optional
-        What `participation` and `spectrum` read, or a function that gives it; none for modes of
+        Data for `participation` and `spectrum`, or a function that gives them; None for modes of
         critical points.
     parts : Parts
         Supports, joints and springs of the scene, for pictures; copies have none.
@@ -341,28 +340,29 @@ class Modes:
         *,
         outputs: Mapping[str, Output],
     ) -> SpectrumResponse:
-        r"""Largest responses to a shaken ground, of which a response spectrum is known.
+        r"""Largest responses to a shaken ground, from a response spectrum.
 
         A mode with the participation factor g gives :math:`r = c.\hat x g S_a / \omega^2` to an
-        output :math:`y = c.u`, which is what its forces of inertia give to first order. The part
-        :math:`\alpha` of it moves with the ground, as does all mass that the modes do not have:
-        the static response to the largest acceleration of the ground. Parts that move with the
-        ground are added with their signs, :math:`R = \sum \alpha_i r_i + r_0`; with the parts
-        :math:`p_i = \sqrt{1 - \alpha_i^2} \, r_i` of modes the largest response is
-        :math:`\sqrt{R^2 + \sum_{ij} \rho_{ij} p_i p_j}`. Below the period of the largest ordinate
-        :math:`\alpha = S_a(0) / S_a`, else zero.
+        output :math:`y = c.u`: the first-order response to its forces of inertia. The part
+        :math:`\alpha` of it moves with the ground, as does all mass that the modes do not have; the
+        response :math:`r_0` of this mass is the static one to the largest acceleration of the
+        ground. Parts that move with the ground are added with their signs, :math:`R = \sum \alpha_i
+        r_i + r_0`; with the parts :math:`p_i = \sqrt{1 - \alpha_i^2} \, r_i` of modes the largest
+        response is :math:`\sqrt{R^2 + \sum_{ij} \rho_{ij} p_i p_j}`. Below the period of the
+        largest ordinate :math:`\alpha = S_a(0) / S_a`, else zero.
 
         Parameters
         ----------
         spectrum : (periods, accelerations)
-            Pseudo-accelerations S_a [m/s^2] of oscillators with this damping over their periods
-            [s], straight between them. The first period is 0: the ground's own acceleration.
+            Periods [s], from 0 on, and pseudo-accelerations S_a [m/s^2] of oscillators with this
+            damping, linear between the periods. The value at 0 is the largest acceleration of the
+            ground.
         direction : (2,) float
             Direction in which the whole ground moves, of any length.
         damping : float
             Damping ratio of all modes, on which their correlation depends.
         combine : {"CQC", "SRSS"}
-            Correlation of modes: that under white noise, or none.
+            Correlation of modes: as under white noise (CQC), or none (SRSS).
         outputs : dict
             `Output` by names: displacements, rotations, coordinates and forces of joints, forces
             and lengths of ropes, reactions, section forces and stresses, as they change from the
@@ -371,7 +371,7 @@ class Modes:
         Returns
         -------
         SpectrumResponse
-            Largest sizes of the outputs, and what each mode gives.
+            Largest magnitudes of the outputs, and the contribution of each mode.
 
         Raises
         ------
@@ -574,7 +574,7 @@ class FrequencyResponse:
     Parameters
     ----------
     at : Node or Joint
-        Where the motion is.
+        The node or joint whose motion it is.
     frequencies : (n,) float
         Frequencies of the load [Hz].
     names : tuple of str
@@ -689,29 +689,29 @@ class PeriodicMotion:
     Parameters
     ----------
     period : float
-        Its length [s].
+        Period [s].
     energy : float
         Energy at its start [J], zero in the reference configuration: kinetic, stored, of the
-        weight, and of dead loads if these are constant. Without losses and other loads it is that
-        of all times.
+        weight, and of dead loads if these are constant. Without losses and other loads it is
+        constant.
     multipliers : (n,) complex
-        Floquet multipliers, largest first: a small deviation that is an eigenvector of the
-        monodromy matrix is so many times as large after a period. Those of deviations that turn by
-        more than a quarter in one step, which steps do not resolve, are left out. A free motion has
-        the multiplier 1 for a shift in time, and once more if it belongs to a family.
+        Floquet multipliers, largest first: the factors by which small deviations grow in a period,
+        eigenvalues of the monodromy matrix. Multipliers of deviations that turn by more than 90
+        degrees in one step, which the steps do not resolve, are left out. A free motion has the
+        multiplier 1 for a shift in time, and once more if it belongs to a family.
     instability : str
         "fold" if the largest multiplier is real and above 1, "period doubling" if it is below -1,
         "Neimark-Sacker" for a complex pair outside the unit circle; empty for a stable motion. A
         multiplier counts from 1 + 1e-5 on.
     error : float
-        Distance of the states before and after the period, relative to the largest distance in it;
-        to the scene for one at rest.
+        Distance of the states before and after the period, relative to the largest distance within
+        the period; relative to the size of the scene for a scene at rest.
     iterations : int
         Number of Newton's iterations.
     run : callable
         ``run()`` gives the solution.
     cycle : object
-        How it was found, for derivatives.
+        Data of the search, for derivatives.
 
     Examples
     --------
@@ -738,7 +738,7 @@ class PeriodicMotion:
 
     @property
     def frequency(self) -> float:
-        """How often it repeats itself [Hz]."""
+        """Frequency of the motion [Hz]."""
         return 1 / self.period
 
     @property
@@ -759,7 +759,7 @@ class PeriodicMotion:
         node : Node
             A node of the scene.
         component : {"x", "y", "rotation"}
-            Component of its motion.
+            Component of the motion of the node.
 
         Returns
         -------
@@ -862,14 +862,14 @@ class PeriodicFamily(Sequence[PeriodicMotion]):
 
     @cached_property
     def critical(self) -> list[StabilityChange]:
-        """Where stability changes, as (number, kind, motion), found when it is first asked for.
+        """Changes of stability, as (number, kind, motion), found when they are first read.
 
-        It does so between the motions number - 1 and number. The kind is
-        `PeriodicMotion.instability` of the unstable ones: at a fold the curve turns back in
-        frequency, or another branch leaves it; at a period doubling one of motions with twice the
-        period. ``motion`` is that at which the largest multiplier crosses the unit circle: its
-        frequency is that of the fold. Of free motions, and where one instability follows another,
-        it is the motion with the number.
+        Stability changes between the motions number - 1 and number. The kind is
+        `PeriodicMotion.instability` of the unstable motions: at a fold the curve turns back in
+        frequency, or another branch begins; at a period doubling a branch of motions with twice the
+        period begins. ``motion`` is the motion at which the largest multiplier crosses the unit
+        circle, at a fold with the frequency of the fold. For free motions, and where one
+        instability follows another, it is the motion with this number.
         """
         kinds = [motion.instability for motion in self.motions]
         return [
@@ -885,7 +885,7 @@ class PeriodicFamily(Sequence[PeriodicMotion]):
         node : Node
             A node of the scene.
         component : {"x", "y", "rotation"}
-            Component of its motion.
+            Component of the motion of the node.
 
         Returns
         -------
