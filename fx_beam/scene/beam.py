@@ -112,7 +112,7 @@ class Beam:
     name : str
         Name in messages and pictures.
     nodes : tuple of Node
-        The ends of its elements, in order.
+        The ends of the elements, in order.
     degree : int
         Polynomial degree of displacement and rotation, 1 to 3.
     s : (elements + 1,) float
@@ -123,10 +123,10 @@ class Beam:
         Positions of the nodes inside the elements of a curved beam [m]; None for straight elements.
         With degree 3 they lie near the curve, not on it.
     fractions : (elements + 1,) float, optional
-        Fractions by which `node` knows the nodes; by default of the arc length.
+        Fractions at which `node` gives the nodes; by default those of the arc length.
     carriers : tuple of Node
-        With an offset of the axis: the nodes on the line of the points that `add_beam` got, which
-        carry those of the axis by rigid arms. `start`, `end` and `node` are among them.
+        With an offset of the axis: the nodes on the line of the points of `add_beam`, which carry
+        the nodes of the axis by rigid arms. `start`, `end` and `node` are among them.
 
     Examples
     --------
@@ -156,12 +156,12 @@ class Beam:
 
     @property
     def start(self) -> Node:
-        """First node; with an offset of the axis, the one that carries it."""
+        """First node; with an offset of the axis, the node that carries it."""
         return (self.carriers or self.nodes)[0]
 
     @property
     def end(self) -> Node:
-        """Last node; with an offset of the axis, the one that carries it."""
+        """Last node; with an offset of the axis, the node that carries it."""
         return (self.carriers or self.nodes)[-1]
 
     @property
@@ -199,7 +199,7 @@ class Beam:
         return BeamPlace(self, min(max(place, 0.0), self.length))
 
     def node(self, fraction: float) -> Node:
-        """Node at a fraction of the arc length; in an `imperfect` scene, of that before.
+        """Node at a fraction of the arc length, in an `imperfect` scene that of the perfect beam.
 
         With an offset of the axis, the node that carries it.
 

@@ -163,9 +163,9 @@ def _on_arc(a: np.ndarray, centre_arm: np.ndarray, sweep: float, fraction: float
 def spline(points: Sequence, monotone: bool = False) -> Curve:
     """Smooth curve through points: a cubic spline, parametrised by the length of their polygon.
 
-    Its curvature has kinks at the points; there elements converge with order 4 at most. Where
-    distances between points change much it swings out beyond them: draw it, add points there, or
-    take a `monotone` one. A polyline is a list of points without `spline`.
+    The curvature has kinks at the points, which limits the order of convergence to 4. Where
+    distances between points change much the curve swings out beyond them: draw it, add points, or
+    take a `monotone` curve. A polyline is a list of points without `spline`.
 
     Parameters
     ----------
@@ -173,9 +173,9 @@ def spline(points: Sequence, monotone: bool = False) -> Curve:
         Two or more points [m]; the first and the last may be nodes of other beams, which are
         shared rigidly. If these two coincide, the curve closes smoothly.
     monotone : bool
-        Whether x and y rise or fall between two points only as these do (Fritsch and Carlson): the
-        curve stays in the box of both. Its curvature jumps at points, and it does not close
-        smoothly.
+        Whether x and y are monotone between two points (Fritsch and Carlson): the curve stays
+        within the rectangle of both points. The curvature then jumps at points, and the curve does
+        not close smoothly.
 
     Returns
     -------

@@ -58,7 +58,8 @@ class Scene:
     ----------
     gravity : (gx, gy), callable or Input, optional
         Acceleration [m/s^2] of every mass, lumped masses included, or a function ``gravity(t)`` of
-        time [s]; none by default. The work of one that is no constant is part of `Energy.work`.
+        time [s]; none by default. The work of a gravity that is not constant is part of
+        `Energy.work`.
 
     Examples
     --------
@@ -128,7 +129,7 @@ class Scene:
     def gravity(self) -> np.ndarray | None:
         """Acceleration (2,) of every mass [m/s^2], or None. It may be set.
 
-        None as well for a function of time, which is one of the scene's `loads`.
+        It is also None for a function of time, which is one of the `loads` of the scene.
         """
         return self._gravity
 
@@ -175,19 +176,20 @@ class Scene:
         section : Section
             Cross-section.
         elements : int or sequence of int, optional
-            Number of elements in all, or of each straight piece. By default 16 of degree 1, 4 of
-            degree 2, 2 of degree 3, or one for each piece if these are more. For a cantilever, a
-            column between hinges and a bow the deflection, the buckling load and two frequencies
-            then have errors below 1 %, a third frequency below 4 %. One is enough for a bar between
-            hinges.
+            Number of elements of the beam, or of each straight piece. By default 16 elements of
+            degree 1, 4 of degree 2, 2 of degree 3, or one for each piece if there are more pieces.
+            For a cantilever, a column between hinges and a bow the deflection, the buckling load
+            and two frequencies then have errors below 1 %, a third frequency below 4 %. One element
+            is enough for a bar between hinges.
         degree : int
             Polynomial degree 1, 2 or 3, the same for all beams of a scene.
         name : str, optional
             Name in messages and pictures.
         offset : float, optional
-            Distance of the axis from the points, to the left as one goes from start to end [m]: of
-            a rib below a plate, or a rail that is held at its foot. Rigid arms hold the axis at the
-            ends of the elements: of degree 2 or 3 take 16 or more for layers that bend as one.
+            Distance of the axis from the points [m], positive to the left of the direction from
+            start to end: for a rib below a plate, or a rail that is held at its foot. Rigid arms
+            hold the axis at the ends of the elements: for layers that bend as one take at least 16
+            elements of degree 2 or 3.
 
         Returns
         -------
@@ -244,13 +246,13 @@ class Scene:
     ) -> MeshBeams:
         """Add straight beams between the points of a mesh: a lattice, a truss, a frame, a drawing.
 
-        Cells that share a point are joined there. Points at the same position are not joined, nor
-        is a point inside another cell, which a warning says, unless `join` is given.
+        Cells that share a point are joined there. Without `join` points at the same position are
+        not joined, nor is a point on another cell; a warning says so.
 
         Parameters
         ----------
         points : (n, 2) array_like
-            Positions (x, y) [m]. Each belongs to a cell.
+            Positions (x, y) [m]. Each point must belong to a cell.
         cells : (m, 2) array_like of int
             For each beam the points at its start and end, counted from 0.
         section : Section or dict
@@ -261,29 +263,29 @@ class Scene:
         degree : int
             Polynomial degree 1, 2 or 3, the same for all beams of a scene.
         joints : {"rigid", "pin"}
-            Whether beams at a point share its node, or are hinged to it: the first of them has the
-            node, and each other one a node of its own, with a `Revolute` between them.
+            Whether beams at a point share its node, or are hinged to it: the first beam has the
+            node, each other beam a node of its own, with a `Revolute` between them.
         tags : (m,) array_like, optional
             For each beam the key of its section.
         join : float, optional
-            Tolerance of a drawing [m]: points that are at most so far apart become one, at the
-            place of the first, and a cell is divided at points that are so near to it. Its elements
-            are divided in proportion. Cells that cross without a point there stay apart.
+            Tolerance of a drawing [m]: points within this distance become one, at the place of the
+            first, and a cell is divided at points within this distance of it, its elements in
+            proportion. Cells that cross without a common point stay apart.
 
         Returns
         -------
         list of Beam
             The beams in the order of the cells. Its attribute `nodes` is a list too: ``nodes[i]``
-            is the node at point i, to be supported and loaded. With pins all beams have its
-            displacement, but only the first one has its rotation and moments. ``cells[k]`` is the
-            cell of beam k, of which it may be a part.
+            is the node at point i, to be supported and loaded. With pins all beams at the point
+            share the displacement of this node, but only the first one its rotation and moments.
+            ``cells[k]`` is the cell to which beam k belongs, as a whole or as a part.
 
         Raises
         ------
         SceneError
-            For arrays that do not fit each other, points without cells, cells without length or
-            that are there twice, also in part with `join`, tags without a section, or what
-            `add_beam` refuses.
+            For arrays that do not fit each other, points without cells, cells without length, cells
+            given twice (with `join` also in part), tags without a section, and in the cases of
+            `add_beam`.
 
         Examples
         --------
@@ -337,7 +339,8 @@ class Scene:
     ) -> Body:
         """Add a rigid body, with points for joints and beams.
 
-        The points move with the centre exactly and have no unknowns: the body has three.
+        The points move exactly with the centre and have no unknowns of their own: the body has
+        three unknowns.
 
         Parameters
         ----------
@@ -484,9 +487,9 @@ class Scene:
             `Gear` or `Rack`, between joints of this scene.
         at : Solution, optional
             A motion or equilibrium at whose end the joint is made, in the place of the reference
-            configuration: the nodes must meet there, a joint to the ground gets its place there, a
-            joint that does not turn keeps the relative rotation, and a gear keeps the angles. The
-            next motion must start from this solution.
+            configuration: the nodes must meet in this state, a joint to the ground is at the
+            present place of its node, a joint that does not turn keeps the relative rotation, and a
+            gear keeps the angles. The next motion must start from this solution.
 
         Returns
         -------
@@ -535,7 +538,7 @@ class Scene:
         return _added(self.joints, joint)
 
     def add_parameter(self, parameter: Parameter) -> None:
-        """Add a parameter that no function in the scene has, as the damping of a scheme.
+        """Add a parameter that is in no function of the scene, such as the damping of a scheme.
 
         Parameters in functions of the scene are added with these functions.
 
@@ -563,7 +566,7 @@ class Scene:
         self.parameters.add([("parameter", parameter)], "add_parameter")
 
     def make_velocities_compatible(self) -> None:
-        """Project initial velocities that violate a joint or a support, instead of an error.
+        """Project initial velocities that violate joints or supports, which are otherwise an error.
 
         The projection gives the nearest velocities in the norm of the mass matrix, with the rates
         of joints that `set_rate` gives.
@@ -589,13 +592,13 @@ class Scene:
         k d^2 / 2 is stored. The contact of a beam acts at its nodes, also inside elements, each
         with its share of the length; between two nodes a beam may enter the shape.
 
-        A circle or line that a node of a beam or body carries gets the opposite force and its
-        moment. In schemes that conserve energy the work of both is exactly the change of the stored
-        energy, and both momenta are conserved.
+        On a node that carries the circle or line the opposite force and its moment act. In schemes
+        that conserve energy the work of both forces is exactly the change of the stored energy, and
+        both momenta are conserved.
 
-        Two beams touch at the nodes of each, anywhere along the other one, which is a smooth curve
-        through the middles of its elements, with round ends. The stiffness per length is that of
-        both together. A beam may touch itself: `b` is `a`.
+        Of two beams the nodes of each touch the other beam, anywhere along a smooth curve through
+        the middles of its elements, with round ends. The stiffness per length is that of both beams
+        together. A beam may touch itself: `b` is `a`.
 
         Parameters
         ----------
@@ -616,14 +619,15 @@ class Scene:
             derivative takes the place of k d.
         friction : Coulomb, optional
             Friction that sticks; none by default. It acts on the surface of a member with a
-            `radius`, and on that of a circle or line that moves. On a member a node with a radius
-            rolls: its surface turns with the node, that of the member with its sections.
+            `radius`, and on that of a circle or line that moves. A node with a radius rolls on a
+            member: the surface of the node turns with the node, the surface of the member with its
+            sections.
         radius : float or pair
             Half of the thickness of the beam, or radius of a wheel or ball around the node [m].
             Required if `b` is a beam: one number for both, or a pair for `a` and `b`.
         along : int, optional
-            For lines and circles: number of Gauss points in each element of a beam at which it
-            touches, where elements are not much shorter than the arc of contact. By default it
+            For lines and circles: number of Gauss points in each element at which the beam touches,
+            for elements that are not much shorter than the arc of contact. By default the beam
             touches at its nodes.
 
         Returns
@@ -634,8 +638,9 @@ class Scene:
         Raises
         ------
         SceneError
-            For members of another scene, a value out of range, what starts behind the shape, a
-            shape that is carried by what it should stop, or members that overlap at the start.
+            For members of another scene, a value out of range, a node that starts behind the shape,
+            a shape carried by the beam or body that it should stop, or members that overlap at the
+            start.
 
         Examples
         --------
@@ -691,9 +696,10 @@ class Scene:
     ) -> ForceBetween:
         """Add a force along the line between two nodes, or between a node and a fixed point.
 
-        It depends on their distance r and its rate, and acts on both points with opposite signs.
-        The force of a spring is the derivative of its energy by r. In schemes that conserve energy
-        its work is exactly the change of this energy, and both momenta are conserved.
+        The force depends on the distance r of the points and on its rate, and acts on both points
+        with opposite signs. The force of a spring is the derivative of its energy by r. In schemes
+        that conserve energy the work of this force is exactly the change of the energy, and both
+        momenta are conserved.
 
         Parameters
         ----------
@@ -704,7 +710,7 @@ class Scene:
         spring : Spring, optional
             Spring on r, linear or with a ``strain_energy(x)`` of x = r - rest.
         damper : Damper, optional
-            Damper on the rate of r, linear or with a law of its own.
+            Damper on the rate of r, linear or with a law of your own.
         friction : SmoothFriction, optional
             Friction on the rate of r.
         stop : Stop or (lower, upper, stiffness), optional
@@ -723,7 +729,8 @@ class Scene:
         Raises
         ------
         SceneError
-            For points at the same place, or a law that is no UFL expression or not finite there.
+            For points at the same place, or a law that is no UFL expression or not finite at the
+            start.
 
         Examples
         --------
@@ -767,18 +774,18 @@ class Scene:
         Parameters
         ----------
         points : sequence of Node, (x, y) or Pulley
-            Two or more points in order: nodes of this scene, which move, and fixed places [m]. A
-            node may be there several times, as that of a block with two sheaves. A `Pulley` is a
-            circle; at an end it is a drum, on which the rope is wound and that turns with its node.
+            Two or more points in order: nodes of this scene and fixed places [m]. A node may occur
+            several times, such as that of a block with two sheaves. A `Pulley` is a circle; at an
+            end it is a drum, on which the rope is wound and that turns with its node.
         spring : Spring, optional
             Spring on l, which pulls and pushes; with a `length` the stiffness of a rope that only
             pulls.
         damper : Damper, optional
-            Damper on the rate of l, also where `length` changes; a drum with a motor as winch damps
-            only the rate at which the rope is stretched. In a rope that only pulls it acts
-            while the rope is taut, and at most takes its tension away.
+            Damper on the rate of l, also if `length` changes; with a drum on a motor it damps only
+            the rate at which the rope is stretched. In a rope that only pulls it acts while the
+            rope is taut, and reduces the tension at most to zero.
         friction : SmoothFriction, optional
-            Friction on the rate of l, as a damper.
+            Friction on the rate of l, in the same way.
         stop : Stop or (lower, upper, stiffness), optional
             Limits of l: a rope has an upper limit. With a damper or friction, and no spring or
             force, ``(None, l0, k)`` is ``spring=Spring(k), length=l0``.
@@ -791,9 +798,10 @@ class Scene:
             takes the length at the time ``t``. An `Input` that is not set yet is the length as
             drawn.
         taut : bool
-            Whether its length without tension is that as drawn: a brace that only pulls.
+            Whether the length without tension is the drawn length: a brace that only pulls.
         pretension : float, optional
-            Tension as drawn [N], by a length that is shorter than drawn by pretension / stiffness.
+            Tension as drawn [N]: the length without tension is shorter than drawn by pretension /
+            stiffness.
 
         Returns
         -------
@@ -803,8 +811,8 @@ class Scene:
         Raises
         ------
         SceneError
-            For fewer than two points, no node among them, two in a row at one place, or a length
-            without a linear spring; and as `add_force_between`.
+            For fewer than two points, no node among them, two successive points at one place, or a
+            length without a linear spring; and in the cases of `add_force_between`.
 
         Examples
         --------
@@ -860,9 +868,9 @@ class Scene:
     ) -> GroundSprings:
         """Hold a node to the ground by springs, dampers, friction or stops.
 
-        They act on the displacement of the node from the reference configuration along fixed
-        directions, and on its rotation. In schemes that conserve energy the work is exactly the
-        change of the stored energy.
+        The laws act on the displacement of the node from the reference configuration along fixed
+        directions, and on its rotation. In schemes that conserve energy the work of springs and
+        stops is exactly the change of their energy.
 
         Parameters
         ----------
@@ -871,13 +879,13 @@ class Scene:
         x, y, rotation : Spring, Damper, SmoothFriction, Stop or a list of them, optional
             Laws on each displacement [m] and on the rotation [rad].
         axis : (2,) float, optional
-            Direction of x, of any length; y is to its left. By default those of the scene.
+            Direction of x, of any length; y is to its left. By default the directions of the scene.
         at : "now", optional
-            Springs and stops begin where the node is at the end of `start`, as a prop that is put
-            under it: displacements and rotation count from there. By default they count from the
-            reference configuration.
+            Displacements and rotation of the laws count from the position of the node at the end of
+            `start`, as for a prop that is put under it. By default they count from the reference
+            configuration.
         start : Solution, optional
-            The state in which they are added; `static` or `simulate` with this `start` goes on.
+            The state in which the springs are added, from which `static` or `simulate` then start.
 
         Returns
         -------
@@ -888,8 +896,8 @@ class Scene:
         Raises
         ------
         SceneError
-            Without any law, for what is no law, for a stop beyond which the node starts, an axis
-            without a direction, or one of `at` and `start` alone.
+            Without any law, for anything that is no law, for a stop beyond which the node starts,
+            an axis without a direction, or one of `at` and `start` alone.
 
         Examples
         --------
@@ -931,8 +939,8 @@ class Scene:
     ) -> Bed:
         """Lay a beam on an elastic bed (Winkler's): springs along all of its length to the ground.
 
-        They act on the displacements across and along the axis of the beam in the reference
-        configuration, at its nodes, with the length that belongs to each.
+        The springs act at the nodes of the beam, each with its share of the length, on the
+        displacements across and along the axis in the reference configuration.
 
         Parameters
         ----------
@@ -943,8 +951,8 @@ class Scene:
         tangential : float, optional
             Stiffness along the beam per length [N/m^2].
         pushes_only : bool, optional
-            Whether the bed lies to the right of the beam, seen from its start, and does not pull:
-            below a beam from left to right.
+            Whether the bed only pushes. It then lies to the right of the beam, seen from its start:
+            below a beam that runs from left to right.
         law : Spring, Damper, SmoothFriction, Stop or a list of them, optional
             Law across the beam per length in the place of `normal`, on the displacement to its left
             [m]: a spring with a `strain_energy` [J/m] for soil that yields (p-y curves) or that the
@@ -959,7 +967,8 @@ class Scene:
         Raises
         ------
         SceneError
-            For a negative stiffness, none at all, a law beside `normal`, or what is no law.
+            For a negative stiffness, without any stiffness or law, for a law together with
+            `normal`, or anything that is no law.
 
         Examples
         --------
@@ -1040,7 +1049,7 @@ class Scene:
         Returns
         -------
         Load
-            The load, which `change` and `remove` know.
+            The load, for `change` and `remove`.
         """
         loads.check_place(self, node, "force")
         name = f"force on {node}"
@@ -1053,7 +1062,8 @@ class Scene:
     def add_moment(self, node: Node | BeamPlace, moment) -> loads.Load:
         """Add a moment.
 
-        In the plane its axis does not rotate: dead and follower moments are the same.
+        In the plane dead and follower moments are the same, as the axis of a moment does not
+        rotate.
 
         Parameters
         ----------
@@ -1065,7 +1075,7 @@ class Scene:
         Returns
         -------
         Load
-            The load, which `change` and `remove` know.
+            The load, for `change` and `remove`.
         """
         loads.check_place(self, node, "moment")
         value = time_function(moment, 1, f"moment on {node}")
@@ -1093,9 +1103,9 @@ class Scene:
         load : (qx, qy), callable or Input
             Force per reference length [N/m]: a constant; a pair of constants at both ends, linear
             between them; or a function ``load(t)`` of time, ``load(s)`` of the arc length from the
-            beam's start [m], or ``load(s, t)`` of both. ``load(s, t)`` is called with all arc
-            lengths at once, at both ends of each step, if it takes arrays, else with one after the
-            other. Functions of the arc length may jump inside elements: their integrals are right.
+            beam's start [m], or ``load(s, t)`` of both. ``load(s, t)`` is called at both ends of
+            each step, with all arc lengths at once if it takes arrays, else one by one. Functions
+            of the arc length may jump inside elements: their integrals are right.
         of : {"time", "arc length", "arc length and time", "projected length"}
             The arguments of the function. With "projected length" a constant, a pair or a function
             of time is a force per projected length, as of snow: qy per length along x, qx per
@@ -1111,13 +1121,13 @@ class Scene:
         Returns
         -------
         Load or VirtualWork
-            The load, or the virtual work of a pressure, which `change` and `remove` know.
+            The load, or the virtual work of a pressure, for `change` and `remove`.
 
         Raises
         ------
         SceneError
-            For a function that does not take the arguments named in `of`, or for a part that the
-            beam has not.
+            For a function that does not take the arguments named in `of`, or for a part beyond the
+            ends of the beam.
 
         Examples
         --------
@@ -1132,8 +1142,8 @@ class Scene:
         >>> print(fb.static(scene, linear=True).reaction(beam.end)[-1].round(6))
         [ 0. 10.  0.]
 
-        A load of 100 N over a length of 0.1 m that moves along a beam at 3 m/s. In statics it is
-        where it is at the time `t`; here at three quarters of the length.
+        A load of 100 N over a length of 0.1 m that moves along a beam at 3 m/s. Statics takes its
+        position at the time `t`, here at three quarters of the length.
 
         >>> import numpy as np, fx_beam as fb
         >>> scene = fb.Scene()
@@ -1171,31 +1181,30 @@ class Scene:
         return _added(self.virtual_works, pressure)
 
     def shake(self, x=None, y=None) -> Shaking:
-        r"""Shake the base: the ground of all supports, with all that stands on it.
+        r"""Shake the base on which the whole scene stands.
 
-        The scene is seen from the base: displacements and velocities are relative to it, supports
-        are at rest, and each mass has the force :math:`-m a(t)`, also in statics. What belongs to
-        the ground moves with the base: supports, fixed points, obstacles, springs to the ground,
-        and the air of a drag. The work of these forces, relative to the base, is part of
-        `Energy.work`. Several shakings add up.
+        Displacements and velocities are relative to the base, supports are at rest, and each mass
+        has the force :math:`-m a(t)`, also in statics. Supports, fixed points, obstacles, springs
+        to the ground, and the air of a drag move with the base. The work of these forces, relative
+        to the base, is part of `Energy.work`. Several shakings add up.
 
         Parameters
         ----------
         x, y : callable, Input, float or (times, accelerations), optional
             Acceleration a of the base along each direction: ``a(t)`` [m/s^2]; or a record, two
-            lists of the same length: times [s] in order, and accelerations [m/s^2], with straight
-            lines between. Twice the same time is a jump. The record is zero before and after; the
-            base then keeps its last velocity.
+            lists of the same length: times [s] in order, and accelerations [m/s^2], linear between
+            them. The same time twice is a jump. The record is zero before and after; the base then
+            keeps its last velocity.
 
         Returns
         -------
         Shaking
-            With `x` and `y`, which `change` and `remove` know.
+            With `x` and `y`, for `change` and `remove`.
 
         Raises
         ------
         SceneError
-            Without any acceleration, or for a record that is none.
+            Without any acceleration, or for an invalid record.
 
         Examples
         --------
@@ -1225,9 +1234,10 @@ class Scene:
     ) -> NaturalStrain:
         """Give a beam strains at which it has no stress: heat, lack of fit, prestress, muscles.
 
-        The energy of the strains less the natural ones is stored. Several natural strains of a beam
-        add up. Over a step they change in proportion to the time; the work of what changes them,
-        -N dE*, is exact, and part of `Energy.work`. `static` multiplies them by the load factor.
+        The stored energy is that of the strains less the natural strains. Several natural strains
+        of a beam add up. Over a step they change in proportion to the time; the work of this
+        change, -N dE*, is exact, and part of `Energy.work`. `static` multiplies natural strains by
+        the load factor.
 
         Parameters
         ----------
@@ -1236,16 +1246,16 @@ class Scene:
         axial, shear : float, callable or Input, optional
             Natural axial and shear strain.
         curvature : float, callable or Input, optional
-            Natural curvature [1/m], from that of the beam as it was added.
+            Natural curvature [1/m], in addition to the curvature of the beam as drawn.
 
             Each is a number or a function, whose arguments are named f for the fraction of the arc
-            length, from 0 to 1, t for the time, or (f, t) for both. The last is called with all
-            fractions at once if it takes arrays.
+            length, from 0 to 1, t for the time, or (f, t) for both. A function of (f, t) is called
+            with all fractions at once if it takes arrays.
 
         Returns
         -------
         NaturalStrain
-            The natural strain, which `change` and `remove` know.
+            The natural strain, for `change` and `remove`.
 
         Raises
         ------
@@ -1300,7 +1310,7 @@ class Scene:
         Raises
         ------
         SceneError
-            For negative or non-finite coefficients, none at all, or a pair for a node.
+            For negative or non-finite coefficients, if all are zero, or for a pair for a node.
 
         Examples
         --------
@@ -1327,8 +1337,8 @@ class Scene:
         motion the part of the mass is a force :math:`-\alpha m v` against the velocity of each
         mass, relative to the base: it also damps rigid motions. The part of the stiffness is a
         `retardation` beside that of the sections: it acts on strain rates, and damps no rigid
-        motion. Springs have dampers of their own. The loss is in `Energy.dissipated`, exactly in
-        schemes that conserve energy. Several add up.
+        motion. Springs are not damped: give them a `Damper`. The loss is in `Energy.dissipated`,
+        exactly in schemes that conserve energy. Several dampings add up.
 
         Parameters
         ----------
@@ -1345,7 +1355,7 @@ class Scene:
         Raises
         ------
         SceneError
-            For negative or non-finite numbers, or none at all.
+            For negative or non-finite numbers, or if both are zero.
 
         Examples
         --------
@@ -1380,7 +1390,7 @@ class Scene:
             beam must be at a node. Numbers that change are a `Parameter`; functions and constants
             of UFL or dolfinx are refused, as they would be read only once.
         beam : Beam, optional
-            Where it acts; on all beams by default.
+            The beam on which the force acts; by default all beams.
 
         Returns
         -------
@@ -1430,7 +1440,7 @@ class Scene:
         Raises
         ------
         SceneError
-            For a load that this scene does not have, or a value that does not fit.
+            For a load of another scene, or a value that does not fit.
         """
         strains = {"axial": axial, "shear": shear, "curvature": curvature}
         parts: list = self.loads
@@ -1458,9 +1468,9 @@ class Scene:
     def remove(self, *parts) -> None:
         """Take away joints, members, contacts, loads, masses, drag, forces, natural strains.
 
-        With a beam or a body goes all that acts on it, and on nodes that belong to nothing else:
-        loads, masses, joints, supports and contacts. Motions that start from a solution of the
-        scene before the change know what stays (`simulate`). A name that was in use is not free
+        With a beam or a body its loads, masses, joints, supports and contacts are removed, and
+        those of nodes that belong to no other part. Motions that start from a solution before the
+        change recognise the parts that stay (`simulate`). The name of a removed part cannot be used
         again.
 
         Parameters
@@ -1471,7 +1481,7 @@ class Scene:
         Raises
         ------
         SceneError
-            For a part that this scene does not have, or that cannot be taken away.
+            For a part that this scene does not have, or that cannot be removed.
 
         Examples
         --------
@@ -1621,16 +1631,16 @@ class Scene:
     def set_rate(self, joint: Joint, rate: float) -> None:
         """Set the rate of a joint at t = 0.
 
-        All other velocities are then the compatible velocities that are nearest, in the norm of the
-        mass matrix, to those of `set_velocity`, which are zero by default.
+        All other velocities are then compatible with joints and supports, and closest to those of
+        `set_velocity` (by default zero) in the norm of the mass matrix.
 
         Parameters
         ----------
         joint : Joint
-            A joint of this scene without motor, but no sleeve on a beam.
+            A joint of this scene without a motor; not a sleeve on a beam.
         rate : float
-            Rate of its slide [m/s] if it has one, else of its angle [rad/s], that of b relative to
-            a; as of `JointMotion.rate`. Derivatives of such starts are differences.
+            Rate of the slide [m/s] if the joint has one, else of the angle [rad/s] of b relative to
+            a, as `JointMotion.rate`. Derivatives with such a start use differences.
 
         Raises
         ------

@@ -88,8 +88,8 @@ _NUMBERS: dict[str, int] = {}
 class Parameter(ufl.Constant):
     """A named number in a function of your own, in UFL, which changes without compilation.
 
-    Numbers that such a function has otherwise are compiled in, and each new one takes a second or
-    two. A parameter may stand in the strain energy of a `Section` or `Spring`, in the update of
+    Other numbers in such a function are compiled, and each new value takes a second or two. A
+    parameter may be in the strain energy of a `Section` or `Spring`, in the update of
     `InternalVariables`, in the law of a `Damper`, of `SmoothFriction` or of an obstacle, in a force
     between points and in a virtual work. `Scene.parameters` has the parameters of a scene by name,
     and changes them.
@@ -110,8 +110,8 @@ class Parameter(ufl.Constant):
 
     Notes
     -----
-    A stored energy W(strains, p) that changes with p(t) takes work from what changes p. In a step
-    from t0 to t1 the forces are computed with p_m, the value of p in the middle of the step, and
+    The change of a stored energy W(strains, p) by p(t) is work. In a step from t0 to t1 the forces
+    are computed with p_m, the value of p in the middle of the step, and
 
         W(E1, p(t1)) - W(E1, p_m) + W(E0, p_m) - W(E0, p(t0))
 
