@@ -86,8 +86,8 @@ class Problem(DolfinxSteps):
     V : dolfinx function space
         Mixed space of displacement (2) and rotation.
     increment, start : dolfinx.fem.Function
-        Displacement and rotation at the start of the step, and their increment over it, by which F
-        is differentiated [m, rad].
+        Increments of displacement and rotation over the step, by which F is differentiated, and
+        their values at its start [m, rad].
     test, trial : ufl arguments
         Test function of F, and trial function of J.
     step : Step
@@ -472,8 +472,8 @@ class Equilibrium(DolfinxSteps):
     V : dolfinx function space
         Mixed space of displacement (2) and rotation.
     increment, start : dolfinx.fem.Function
-        Displacement and rotation at the start of the step, and their increment over it, by which F
-        is differentiated [m, rad].
+        Increments of displacement and rotation over the step, by which F is differentiated, and
+        their values at its start [m, rad].
     test, trial : ufl arguments
         Test function of F, and trial function of J.
     step : Step
