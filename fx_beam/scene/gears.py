@@ -71,7 +71,7 @@ class Gear:
 
     Examples
     --------
-    A rotor J_b that turns 5 times as fast as J_a: the inertia of both is J_a + 5^2 J_b.
+    A rotor J_b turns 5 times as fast as J_a: the slow shaft has the inertia J_a + 5^2 J_b.
 
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
