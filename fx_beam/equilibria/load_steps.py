@@ -177,9 +177,9 @@ _SHORT, _ON_PATH = 0.2, 1.0
 _SHORT_OTHER, _ON_PATH_OTHER = 0.1, 0.7
 # Deviation of an easy step from its predictor.
 EASY_DEVIATION = 0.25
-# Growth of the displacement per load, from step to step, at which a step may turn off its path, as
-# it may if it deviates from its predictor.
-_TURN = 2.0
+# Cosine of the angle between a predictor and the increment of the last step, at which a step may
+# turn off its path.
+_TURN = 0.8
 
 
 class LoadStepper:
@@ -200,6 +200,8 @@ class LoadStepper:
         self._slope: tuple[State | None, np.ndarray] = None, np.empty(0)
         #: Displacement per load factor in the first and in the last step.
         self.response: list[float] = []
+        #: Increment (size,) in the last step.
+        self._last_D = np.zeros(model.size)
         #: Small motions about its states.
         self.motions = SmallMotions(self.loop)
         #: Raises StepFailed for two states between which no step of the path can be, beside a
@@ -243,12 +245,10 @@ class LoadStepper:
         self._check_path(state, new, step, len(response) == 2 and response[1] > response[0])
         if interval.length:
             self.check(state, new, 0)
-            turns = len(response) == 2 and (
-                self.deviation > EASY_DEVIATION or response[1] > _TURN * self.response[-1]
-            )
-            if turns and self.is_singular(state, new):
+            if self._turns(step.predicted) and self.is_singular(state, new):
                 reason = "it starts at a bifurcation, where round-off leads it on"
                 raise StepFailed("off the path", reason, step.D)
+            self._last_D = step.D
         self.response = response
         return new
 
@@ -266,6 +266,11 @@ class LoadStepper:
             except StepFailed:
                 return step.predicted
         return length * self._slope[1]
+
+    def _turns(self, D: np.ndarray) -> bool:
+        """Whether a predicted increment D (size,) is at an angle to that of the last step."""
+        last, length = self._last_D, self.path.length
+        return bool(last @ (self.path.weight * D) < _TURN * length(last, 0.0) * length(D, 0.0))
 
     @property
     def softens(self) -> bool:
