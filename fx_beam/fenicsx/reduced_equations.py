@@ -191,8 +191,8 @@ class ReducedEquations:
         self._natural: np.ndarray | None = None
         # Load factors or times of the last step; None before the first.
         self._interval: Interval | None = None
-        # End of the last step [s], forces (size,) of added terms in it, and how many steps before.
-        self._last_step = np.nan, np.zeros(n), 1.0
+        # End of the last step [s], and forces (size,) of added terms there.
+        self._last_end = np.nan, np.zeros(n)
         reduction.set_start(np.zeros(n), slides_at_start(loop.model.scene))
         #: Unknowns of the last step.
         self.unknowns = Unknowns(assembly)
@@ -314,15 +314,16 @@ class ReducedEquations:
 
     def start_with(self, t: float, added: np.ndarray) -> None:
         """Have forces of added terms (size,) at the start of the next step [s]."""
-        self._last_step = t, added, self.model.scheme.rates.level
+        self._last_end = t, added
 
     def _mean_added(self, t: float, dt: float) -> np.ndarray:
-        """Forces of added terms (size,) in mid-step, from forces at the levels of steps."""
-        level, (end, previous, apart) = self.model.scheme.rates.level, self._last_step
-        self._last_step = t + dt, self._added, 1.0
-        if level == 0.5 or not np.isclose(end, t, rtol=1e-12, atol=1e-9 * abs(dt)):
-            return self._added
-        return self._added + (0.5 - level) / apart * (self._added - previous)
+        """Mean forces (size,) of added terms in a step, from those at its level and its start."""
+        level, (end, start) = self.model.scheme.rates.level, self._last_end
+        is_next = np.isclose(end, t, rtol=1e-12, atol=1e-9 * abs(dt))
+        late = level > 0.5  # else errors would grow
+        part = (self._added - start) / (level if late else 1.0) if is_next else 0.0 * start
+        self._last_end = t + dt, self._added + late * (1 - level) * part
+        return self._added + (0.5 - level) * part
 
 
 # -- Newton's method of PETSc for the increment of a step: Tv(y)^T r(g(y)) = 0 for the unknowns y

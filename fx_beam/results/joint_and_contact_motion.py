@@ -118,9 +118,11 @@ class _PartMotion:
         return self.solution.recorded(history)[:, self._part.number]
 
     def _mean_force(self, force: np.ndarray) -> np.ndarray:
-        """Forces (steps,) in the middle of steps, from those (n,) at the level of the scheme."""
-        previous = np.concatenate([force[:2], force[1:-1]])[: len(force)]
-        return (force + (0.5 - self.solution.stats.level) * (force - previous))[1:]
+        """Mean forces (steps,) of steps, from (n,) at the scheme's level, unknown in row 0."""
+        level, now, first = self.solution.stats.level, force[1:], force[1:2]
+        before = np.concatenate([first, now])[:-1]
+        start = before + (1 - level) * (before - np.concatenate([first, before])[:-1])
+        return now + (0.5 - level) / level * (now - start)
 
     def _mean_power(self, name: str, work: np.ndarray) -> np.ndarray:
         """Power (n,) of the work (n - 1,) in each step; ValueError unless every step has a row."""
@@ -209,9 +211,9 @@ class JointMotion(_PartMotion):
         """Mean power (n,) of the motor over the step that ends at t[k] [W]; 0 in row 0.
 
         The sum of power times step length is the work of the motor, to second order in the step;
-        for an `Input`, whose rate jumps from step to step, to first order. The work in
-        `Solution.energy` is exact. A row for every step must have been recorded, otherwise this is
-        a ValueError, and so it is in statics.
+        for an `Input`, whose rate jumps from step to step, to first order. Where a motor jumps, its
+        power has the inertia of this blow. The work in `Solution.energy` is exact. A row for every
+        step must have been recorded, otherwise this is a ValueError, and so it is in statics.
         """
         place = self.slide if "slide" in self.joint.driven else self.angle
         return self._mean_power("motor_power", self._mean_force(self.motor_force) * np.diff(place))
@@ -369,8 +371,10 @@ class PullMotion(_PartMotion):
         It is the pull times the rate of the length: the power that springs store and that dampers,
         friction and stops take, less the power of an additional force. The sum of power times step
         length is exact with `EnergyMomentum` of order 2, except for rotations; otherwise it is of
-        second order. For a bed: the stored power of all nodes. A row for every step must have been
-        recorded, otherwise this is a ValueError, and so it is in statics.
+        second order. If a driven motion jumps in the first step, `Newmark`, `HHT` and
+        `GeneralizedAlpha` give up to twice the power there. For a bed: the stored power of all
+        nodes. A row for every step must have been recorded, otherwise this is a ValueError, and so
+        it is in statics.
         """
         length = self.length
         is_bed = length.ndim > 1

@@ -85,14 +85,14 @@ class SteppedState:
     #: Slides of the joints [m].
     slides: np.ndarray = _array("joints", record="always", required=True)
     #: In the step so far: forces of driven and fixed columns, of joints, of obstacles, and along
-    #: lines between points; of added virtual works in its last part [N, N m].
+    #: lines between points [N, N m].
     constraint_forces: np.ndarray | None = _array("constraints", record="forces", mean=True)
     joint_forces: np.ndarray | None = _array("joints", 3, record="forces", mean=True)
     contact_forces: np.ndarray | None = _array("contacts", 2, record="forces", mean=True)
     line_forces: np.ndarray | None = _array("lines", record="forces", mean=True)
+    #: At its end, for schemes whose forces are not at mid-step: forces of added virtual works, and
+    #: of driven columns without the inertia of what they alone move.
     added_forces: np.ndarray | None = _array("added dofs")
-    #: Forces of driven columns in the last step or at the start, without the inertia of what they
-    #: alone move, for schemes whose forces are not at mid-step.
     driven_forces: np.ndarray | None = _array("kept driven")
     #: Parameters in functions of the user.
     parameters: np.ndarray | None = _array("parameters", record="always")

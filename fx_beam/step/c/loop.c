@@ -5,12 +5,14 @@
 #include "recorder.h"
 #include "tape.h"
 
-/* Force in the middle of a step, from those at the scheme's level in it and in the one before. An equilibrium before the
-   first step has no forces of inertia. */
-static double mid(const Scheme *scheme, const State *state, double force, double previous) {
-  if (scheme->level == 0.5 || (scheme->at_rest && !state->steps_done)) return force;
-  int starts = !scheme->at_rest && !(state->length > 0);
-  return force + (0.5 - scheme->level) / (starts ? scheme->level : 1) * (force - previous);
+/* Mean of the forces at both ends of a step, from that at the scheme's level; `end` is at the start, then at the end of the
+   step: at its level if that is below 0.5, where errors would grow. An equilibrium before the first step has no forces of inertia. */
+static double mean_force(const Scheme *scheme, const State *state, double force, double *end) {
+  if (scheme->level == 0.5) return force;
+  int late = scheme->level > 0.5;
+  double part = scheme->at_rest && !state->steps_done ? 0 : (force - *end) / (late ? scheme->level : 1);
+  *end = force + late * (1 - scheme->level) * part;
+  return force + (0.5 - scheme->level) * part;
 }
 
 /* Part of the weight that acts. */
@@ -107,8 +109,8 @@ static const double *audit_led(const Tables *p, const Numbers *s, Work *w) {
    drag and contact. */
 static void audit(const Tables *p, const Numbers *s, Work *w, const double *change) {
   int n = p->dofs, constrained = p->columns - p->free;
-  int led = p->motors.led > 0, moves = !p->scheme.at_rest && p->scheme.level != 0.5;
-  double *last = moves ? w->state.driven_forces : w->state.constraint_forces;
+  int led = p->motors.led > 0;
+  double *ends = p->scheme.at_rest ? w->state.constraint_forces : w->state.driven_forces;
   w->state.work += dot(n, w->dead, w->path);
   w->state.dissipated += fx_lost_at_points(s->points, w->D, w->z);
   w->state.work += sum_over_elements(p, s, w, &s->forms.actuated);
@@ -122,9 +124,8 @@ static void audit(const Tables *p, const Numbers *s, Work *w, const double *chan
   project(p, s->points, w, led ? audit_led(p, s, w) : w->r, w->reduced);
   for (int i = 0; i < p->driven; ++i) {
     double along = p->motors.slides[i] ? change[i] : at(w->path, p->motors.b[i]) - at(w->path, p->motors.a[i]);
-    w->state.work += mid(&p->scheme, &w->state, w->reduced[p->free + i], last[i]) * along;
+    w->state.work += mean_force(&p->scheme, &w->state, w->reduced[p->free + i], ends + i) * along;
   }
-  if (moves) memcpy(last, w->reduced + p->free, p->driven * sizeof(double));
   if (led) project(p, s->points, w, w->r, w->reduced);
   scale(constrained, w->state.earlier, w->state.constraint_forces);
   add_times(constrained, w->state.share, w->reduced + p->free, w->state.constraint_forces);
@@ -133,8 +134,7 @@ static void audit(const Tables *p, const Numbers *s, Work *w, const double *chan
     assemble_forces(p, w, &s->forms.added, 0);
     fx_evaluate_points(s->points, s->points->external, s->points->nodal, w->D, w->z);
     fx_add_points(s->points, s->points->external, s->points->nodal, -1, w->f);
-    for (int i = 0; i < n; ++i) w->state.work += mid(&p->scheme, &w->state, w->f[i], w->state.added_forces[i]) * w->path[i];
-    memcpy(w->state.added_forces, w->f, n * sizeof(double));
+    for (int i = 0; i < n; ++i) w->state.work += mean_force(&p->scheme, &w->state, w->f[i], w->state.added_forces + i) * w->path[i];
   }
 }
 
