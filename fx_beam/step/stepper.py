@@ -93,8 +93,8 @@ def least_energy(model: Model) -> float:
 
 
 # How much faster than before and after a driven motion moves where it jumps; what is no motion, in
-# sizes of the scene or rad.
-_AT_ONCE, _NO_MOTION = 10.0, 1e-10
+# sizes of the scene or rad; halvings of a step down to the part in which a function jumps.
+_AT_ONCE, _NO_MOTION, _HALVINGS = 10.0, 1e-10, 12
 _JUMPS = (
     "%s: %s jumps in the step to t = %.6g: rates and accelerations of masses that joints couple to "
     "it, and forces there, are wrong from then on; displacements are right. Let it move over many "
@@ -105,7 +105,8 @@ _JUMPS = (
 class JumpWatch:
     """Warns once of a driven motion that jumps and moves what joints hold, by Newmark's family.
 
-    It is one that moves ten times as fast as in the step before and in the next one.
+    It is one that moves ten times as fast as in the step before, and as in the next one, or, if it
+    is a function of time, half of its way at once.
     """
 
     def __init__(self, forcing: Forcing):
@@ -128,14 +129,31 @@ class JumpWatch:
         times, places = np.append(self._times, ends), np.concatenate([self._places, places])
         moved = abs(np.diff(places, axis=0))
         speeds = moved / np.diff(times)[:, None]
-        jumps = speeds[1:-1] > _AT_ONCE * np.maximum(speeds[:-2], speeds[2:])
-        jumps &= (moved[1:-1] > _NO_MOTION * model.mesh.size) & self._columns
+        jumps = speeds[1:] > _AT_ONCE * speeds[:-1]
+        jumps &= (moved[1:] > _NO_MOTION * model.mesh.size) & self._columns
+        jumps[:-1] &= speeds[1:-1] > _AT_ONCE * speeds[2:]
+        for column in np.flatnonzero(jumps[-1]):
+            jumps[-1, column] = self._at_once(column, times[-2:], places[-2:, column])
         self._times, self._places = times[-3:], places[-3:]
         if jumps.any():
             step, column = np.argwhere(jumps)[0]
             name = self._forcing.names[column]
             _log.warning(_JUMPS, model.scheme.name, name, times[step + 2])
             self.on = False
+
+    def _at_once(self, column: int, times: np.ndarray, places: np.ndarray) -> bool:
+        """Whether half of a motion from place to place is in a small part of this time [s]."""
+        (t0, t1), (start, end) = times, places
+        if self._forcing.straight[column]:
+            return False
+        for _ in range(_HALVINGS):
+            t = (t0 + t1) / 2
+            place = floats(self._forcing.series(np.array([t])))[0, column]
+            if abs(place - start) > abs(end - place):
+                t1, end = t, place
+            else:
+                t0, start = t, place
+        return bool(abs(end - start) > abs(places[1] - places[0]) / 2)
 
 
 # -- Why a step fails: what is checked of it, and what is said ----------------------------------
