@@ -19,6 +19,7 @@ from fx_beam.laws.interval import Interval
 from fx_beam.results.records import Stats, stats_unchanged
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS, arc_lengths, gauss_rule
+from fx_beam.scene.forces_between import RopeOverPulleys
 from fx_beam.scene.sliders import corner_advice
 
 from .equations import Equations, Residual
@@ -498,6 +499,8 @@ class StepsResult(NamedTuple):
 
 # Difference of the lengths of equal steps, relative to them, besides the rounding of times.
 _SAME = 1e-12
+# Distance at which a point of a rope comes to a circle, relative to the radius.
+_NEAR = 1e-3
 
 
 class Trial(NamedTuple):
@@ -679,6 +682,8 @@ class Stepper:
                 "Its velocity does not take it out of there. Let it not come to rest in this "
                 "position, or let a member yield: a beam in place of a body"
             )
+        if met := _met_circle(self.model, self.loop.state.arrays["q"]):
+            return met
         if failure.kind == "off the end":
             return (
                 "The steps before are kept. Use a longer beam, an earlier t_end, or a stop on the "
@@ -700,6 +705,23 @@ class Stepper:
                 "far as well: add_mass(node, 0.0, inertia=...)"
             )
         return advice
+
+
+def _met_circle(model: Model, q: np.ndarray) -> str:
+    """Advice where a point of a rope comes to a circle at displacements (size,); else empty."""
+    moved = np.append(q.reshape(-1, 3)[:, :2], [[0.0, 0.0]], axis=0)
+    for rope in model.scene.forces_between:
+        if not isinstance(rope, RopeOverPulleys):
+            continue
+        ways = floats(rope.apart) + np.diff(moved[[*rope.nodes]], axis=0)
+        met = np.hypot(*ways.T) < (1 + _NEAR) * abs(floats(rope.steps))
+        if met.any():
+            i = int(np.argmax(met))
+            return (
+                f"{rope}: point {i} or {i + 1} comes into the circle of the other one, where the "
+                "rope has no tangent. Keep it off, as by a contact with a Circle, or end before"
+            )
+    return ""
 
 
 def equal_steps(t: float, times: np.ndarray, dt: float | None = None) -> tuple[int, float]:

@@ -320,6 +320,20 @@ def test_a_periodic_motion_is_not_shown_where_a_rope_leaves_its_pulley():
         print(motion.solution)
 
 
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT()], ids=str)
+def test_a_load_that_is_hoisted_into_its_drum_ends_with_a_sentence(scheme):
+    scene, R = fb.Scene(), 0.1
+    drum, load = (scene.add_body(place, 1.0, 0.1).centre for place in ((0, 0), (R / 2, -0.3)))
+    scene.fix(drum, "x", "y")
+    scene.prescribe(drum, rotation=lambda t: 5 * t)
+    scene.fix(load, "x", "rotation")
+    points = [fb.Pulley(drum, R, side="right"), load]
+    rope = scene.add_rope(points, spring=fb.Spring(1e4), taut=True)
+    with pytest.raises(fb.StepError, match="comes into the circle") as failed:
+        fb.simulate(scene, scheme, dt=1e-3, t_end=1.0)
+    assert str(rope) in str(failed.value)
+
+
 def test_a_slack_rope_may_leave_its_pulley():
     scene, rope = lifted(spring=fb.Spring(1.0), length=4.0)
     motion = fb.simulate(scene, dt=0.01, t_end=0.5).joint(rope)
