@@ -17,9 +17,11 @@ _ANGLES = np.arange(32) * np.pi / 16
 _WAYS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 _GAP, _LEADER = 1.2, 9.0  # around a label; distance from which on a line leads to it [points]
 _COVERS, _TURNS = 1.0, 5.0  # costs of covered ink [points per pixel], of another direction
+_LATER = 0.3  # cost of each place of a label before the one that it names
 _RESOLUTION = 100  # at which ink is looked for [pixels per inch]
 _FAINT = 0.02  # what is nearly as the paper
 _OFTEN = 20  # number of equal labels above which only one is written
+_MOST = 500  # number of other labels that are written: more would cover each other
 
 
 class _Label(NamedTuple):
@@ -61,7 +63,7 @@ class Labels:
         figure.set_dpi(usual)
 
     def _merged(self) -> list[_Label]:
-        """The labels; one that there is very often, as on a loaded edge, is written once."""
+        """The first labels; one that there is very often, as on a loaded edge, is written once."""
         alike: dict[tuple, list[_Label]] = {}
         for label in self._labels:
             alike.setdefault((id(label.ax), label.text), []).append(label)
@@ -69,7 +71,7 @@ class Labels:
         places = [np.concatenate([label.places for label in labels]) for labels in often]
         merged = [labels[0]._replace(places=x) for labels, x in zip(often, places, strict=True)]
         many = {label.text for label in merged}
-        return [label for label in self._labels if label.text not in many] + merged
+        return [label for label in self._labels if label.text not in many][:_MOST] + merged
 
 
 class _Placing:
@@ -88,38 +90,62 @@ class _Placing:
         written = ax.text(*label.places[0], label.text, **centred | label.look)
         box = written.get_window_extent(self._renderer)
         half = np.array([box.width, box.height]) / 2 + _GAP * point
-        starts = ax.transData.transform(label.places)
-        # From the middle of the box to its edge, then on.
+        # From the middle of the box to its edge.
         edge = np.min(half / np.maximum(abs(_WAYS), 1e-9), axis=1)
-        away = edge + point * _DISTANCES[:, None]
-        spots = starts[:, None, None] + away[..., None] * _WAYS
-        cost = _DISTANCES[:, None] + _TURNS * (np.hypot(*label.way) > 0) * (
-            1 - _WAYS @ (label.way / (np.hypot(*label.way) or 1.0))
-        )
-        cost = cost + 0.3 * np.arange(len(starts))[:, None, None]
-        corners = np.concatenate([spots - half, spots + half], axis=-1)
-        cost = cost + _COVERS * self._covered(corners)
-        frame = ax.bbox.extents
-        outside = (corners[..., :2] < frame[:2]) | (corners[..., 2:] > frame[2:])
-        cost = np.where(outside.any(axis=-1), cost + 1e4, cost)
-        place, far, way = np.unravel_index(cost.argmin(), cost.shape)
-        spot, back = spots[place, far, way], ax.transData.inverted()
+        start, spot, distance, way = self._best(label, half, edge)
+        back = ax.transData.inverted()
         written.set_position(back.transform(spot))
-        self._boxes = np.vstack([self._boxes, corners[place, far, way]])
-        if _DISTANCES[far] > _LEADER:
-            ends = starts[place] + 2 * point * _WAYS[way], spot - edge[way] * _WAYS[way]
+        self._boxes = np.vstack([self._boxes, np.append(spot - half, spot + half)])
+        if distance > _LEADER:
+            ends = start + 2 * point * _WAYS[way], spot - edge[way] * _WAYS[way]
             look: Look = {"color": self._theme.soft, "linewidth": 0.6, "zorder": 8.5}
             ax.plot(*back.transform(ends).T, **look)
             steps = np.linspace(*ends, 12)
             self._boxes = np.vstack([self._boxes, np.hstack([steps - 1, steps + 1])])
 
-    def _covered(self, corners: np.ndarray) -> np.ndarray:
-        """Ink (...) in boxes with corners (..., 4) [pixels]."""
-        left, low = np.moveaxis(np.clip(corners[..., :2].astype(int), 0, self._shape), -1, 0)
-        right, top = np.moveaxis(np.clip(corners[..., 2:].astype(int) + 1, 0, self._shape), -1, 0)
+    def _best(self, label: _Label, half: np.ndarray, edge: np.ndarray) -> tuple:
+        """The place that a label names, the middle of its box, its distance, and number of way.
+
+        Looked for from the least cost without other labels on, as long as this may be the least.
+        """
+        turn = 1 - _WAYS @ (label.way / (np.hypot(*label.way) or 1.0))
+        first_cost = np.ravel(_DISTANCES[:, None] + _TURNS * label.way.any() * turn)
+        away = (edge + _RESOLUTION / 72 * _DISTANCES[:, None])[..., None] * _WAYS
+        least, frame = np.inf, label.ax.bbox.extents
+        best: tuple = ()
+        for i, place in enumerate(label.ax.transData.transform(label.places)):
+            if least <= _LATER * i:
+                break
+            spots = (place + away).reshape(-1, 2)
+            corners = np.concatenate([spots - half, spots + half], axis=-1)
+            cost = first_cost + _LATER * i + _COVERS * self._ink(corners)
+            outside = (corners[:, :2] < frame[:2]) | (corners[:, 2:] > frame[2:])
+            cost = np.where(outside.any(axis=-1), cost + 1e4, cost)
+            others = self._near(corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0))
+            for k in np.argsort(cost, kind="stable"):
+                if cost[k] >= least:
+                    break
+                if (whole := cost[k] + _COVERS * _shared(corners[k], others)) < least:
+                    far, way = divmod(k, len(_WAYS))
+                    least, best = whole, (place, spots[k], _DISTANCES[far], way)
+        return best
+
+    def _near(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Boxes (4, n) of what was written between two corners."""
+        near = (self._boxes[:, :2] < high) & (self._boxes[:, 2:] > low)
+        return np.ascontiguousarray(self._boxes[near.all(axis=1)].T)
+
+    def _ink(self, corners: np.ndarray) -> np.ndarray:
+        """Ink (n,) of the drawing in boxes with corners (n, 4) [pixels]."""
+        left, low = np.clip(corners[:, :2].astype(int), 0, self._shape).T
+        right, top = np.clip(corners[:, 2:].astype(int) + 1, 0, self._shape).T
         sums = self._sums
-        ink = sums[right, top] - sums[left, top] - sums[right, low] + sums[left, low]
-        for box in self._boxes:
-            sides = np.minimum(corners[..., 2:], box[2:]) - np.maximum(corners[..., :2], box[:2])
-            ink = ink + np.maximum(sides, 0).prod(axis=-1)
-        return ink
+        return sums[right, top] - sums[left, top] - sums[right, low] + sums[left, low]
+
+
+def _shared(box: np.ndarray, boxes: np.ndarray) -> float:
+    """Area that a box with corners (4,) shares with boxes (4, n) [pixels]."""
+    left, low, right, top = boxes
+    wide = np.minimum(box[2], right) - np.maximum(box[0], left)
+    high = np.minimum(box[3], top) - np.maximum(box[1], low)
+    return float(np.maximum(wide, 0.0) @ np.maximum(high, 0.0))

@@ -278,7 +278,7 @@ def _turn(sheet: _Sheet, position, sense: float) -> np.ndarray:
 
 _AWAY, _SHORTEST = 40.0, 14.0  # of dimensions from the drawing; the shortest one [points]
 _MANY = 15  # number of members above which their names are small
-_CROWD = 500  # number of members above which they have no names
+_CROWD = 500  # number of members, or of bodies, above which they have no names
 _ROOM = 40.0  # around the drawing, for loads and labels [points]
 
 
@@ -294,9 +294,10 @@ def scene(
 ) -> Figure:
     """Drawing of a scene in its reference configuration.
 
-    Members have their names, and their depth if it is large enough to be seen. A body is a rounded
-    shape around its points, with a quartered disc at the centre of mass; with a contact radius it
-    is a wheel. Hatched strips are the ground. A pin is a triangle, a roller a triangle on wheels, a
+    Members and bodies have their names, if there are at most 500 of a kind; members have their
+    depth if it is large enough to be seen. A body is a rounded shape around its points, with a
+    quartered disc at the centre of mass; with a contact radius it is a wheel. Hatched strips are
+    the ground. A pin is a triangle, a roller a triangle on wheels, a
     clamp a wall. A ring is a hinge, a black plate a rigid joint; a block between rails, a slot, a
     carriage on wheels and two jaws are slides. A disc is a lumped mass. A coil or a spiral is a
     spring, a cup a damper, black shoes are friction; walls across a slide, or an arc with two ends,
@@ -401,7 +402,7 @@ def _names(sheet: _Sheet, drawing: Drawing, scene: Scene, marks, si: bool) -> No
         if words:
             sheet.label(", ".join(words), (node.x, node.y), ink)
     masses = {mass.node: mass.mass for mass in scene.masses}
-    for body in scene.bodies:
+    for body in scene.bodies if len(scene.bodies) <= _CROWD else ():
         place = body.centre.x, body.centre.y
         sheet.label(body.name, place, sheet.pen.theme.soft)
         if weight := masses.get(body.centre.number):

@@ -14,6 +14,7 @@ import fx_beam as fb
 from fx_beam.plot.drawing import checked_drawing
 
 plot = pytest.importorskip("fx_beam.plot")
+labels = pytest.importorskip("fx_beam.plot.labels")
 Figure = pytest.importorskip("matplotlib.figure").Figure
 Quiver = pytest.importorskip("matplotlib.quiver").Quiver
 Image = pytest.importorskip("PIL.Image")
@@ -438,6 +439,18 @@ def test_a_scene_of_many_members_is_drawn_without_names_and_says_once_what_is_eq
     texts = [text.get_text() for text in plot.scene(scene).axes[0].texts]
     assert texts.count("F = 3 N") == 1
     assert not any("beam" in text for text in texts)
+
+
+def test_bodies_in_a_crowd_have_no_names_and_labels_have_a_largest_number(monkeypatch):
+    scene = fb.Scene()
+    for k in range(600):
+        body = scene.add_body((k % 30, k // 30), 1.0 + k, 0.1)
+        if k < 50:
+            scene.add_force(body.centre, (1.0 + k, 0.0))
+    monkeypatch.setattr(labels, "_MOST", 30)
+    texts = [text.get_text() for text in plot.scene(scene).axes[0].texts]
+    assert sum("F = " in text for text in texts) == 30
+    assert not any("body" in text for text in texts)
 
 
 # -- Diagrams --------------------------------------------------------------------------------------
