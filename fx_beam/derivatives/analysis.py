@@ -445,7 +445,7 @@ class MotionAnalysis(Analysis):
         assert prepared is not None  # it has the model
         tape, short = Tape(derivatives.problem), _INSTANT * first
         with stats_unchanged(prepared.stats):
-            state = prepared.first_state(short, None, accelerations=False)
+            state = prepared.first_of_run(short, None, accelerations=False)
             if prepared.stepper.trial(state, state.t + short, tape=tape).state is None:
                 return None  # such a step may fail with unknowns that have no mass
         numbers_of = functools.partial(self._numbers_of_steps, tape, short, None, False)
@@ -465,7 +465,7 @@ class MotionAnalysis(Analysis):
             start_state = self._start_of(scene)
             if isinstance(change, Dual) and other.smooths_start(start_state):
                 raise TypeError("a start that is found by a step has no slopes")
-            state = other.first_state(first, start_state, at_start)
+            state = other.first_of_run(first, start_state, at_start)
         else:
             state = other.state_from(start.equilibrium_at(data, floats(change)), first, at_start)
         numbers: dict[str, Any] = numbers_in_steps(model, data, state, t0, t1)

@@ -397,6 +397,8 @@ class MotionSetup:
         self.stats = stats_of(self.model, solver="", friction_damping=damping)
         #: Dead loads and driven motions.
         self.forcing = Forcing(self.model)
+        # Those from the reference that `first_of_run` has found, by its other arguments.
+        self._first_states: dict[tuple[float, bool], State] = {}
 
     def _begin_steps(self, options: Options) -> None:
         #: What was asked for when the scene was prepared.
@@ -450,13 +452,22 @@ class MotionSetup:
         self.stepper.load(state)
         return state
 
+    def first_of_run(self, dt: float, start: Solution | None, accelerations: bool) -> State:
+        """As `first_state`; without a start it is found once for a run and its derivatives."""
+        if start is not None:
+            return self.first_state(dt, start, accelerations)
+        key = dt, accelerations
+        if key not in self._first_states:
+            self._first_states[key] = self.first_state(dt, None, accelerations)
+        return self._first_states[key]
+
     def recorded_state(
         self, recorder: Recorder, dt: float, start: Solution | None, accelerations: bool = False
     ) -> State:
         """First state for a recorder, which may find its accelerations when they are read."""
         model, rates = self.model, self.options.record.rates
         later = start is None and fact(model, initial_state.finds_accelerations_later)
-        state = self.first_state(dt, start, accelerations or (rates and not later))
+        state = self.first_of_run(dt, start, accelerations or (rates and not later))
         if rates and later and not accelerations:
             starts = Starts(model, self.forcing, dt)
             recorder.late_accelerations = starts.late_accelerations(state)

@@ -541,13 +541,13 @@ class TapeDerivatives:
 
     def _with_reversals(self, tape: Tape) -> Structs:
         """Hand over where slip reverses in few steps; returns what keeps it."""
-        moves = len(tape) >= LEAST_STEPS and not (
-            tape.c.apart or self.problem.c.tables.scheme.at_rest
-        )
-        bristles = bristles_of(self.problem.model.points) if moves else []
+        structs, bristles = Structs(self.problem.ffi), bristles_of(self.problem.model.points)
+        if not bristles:
+            return structs
+        if len(tape) < LEAST_STEPS or tape.c.apart or self.problem.c.tables.scheme.at_rest:
+            bristles = []
         histories = histories_of(tape, self.problem, all_places(bristles)) if bristles else _NONE
         rows = reversal_rows(bristles, histories, tape.times.lengths)
-        structs = Structs(self.problem.ffi)
         structs.set(self.c, **rows)
         return structs
 

@@ -12,6 +12,7 @@ from jointed import frame, linkage
 from scenes import assert_refused, clamped_bar, held_body, pinned_bar
 
 import fx_beam as fb
+from fx_beam.motions.initial_state import Starts
 from fx_beam.step.program import PROGRAMS
 
 # -- Every number of a scene -----------------------------------------------------------------
@@ -508,3 +509,20 @@ def test_derivatives_have_the_same_digits_in_all_processes():
         )
         digits.add(process.stdout)
     assert len(digits) == 1 and "[" in digits.pop()
+
+
+def test_the_first_state_of_a_motion_is_found_once_for_it_and_its_derivatives(monkeypatch):
+    def build(x):
+        section = fb.Section(EA=1e3, GA=1e3, EI=10.0, rhoA=1.0, rhoI=0.01)
+        scene, beam = clamped_bar((1, 0), section, elements=2)
+        scene.add_force(beam.end, (0.0, x[0]))
+        return scene, {"tip": fb.Output("position", beam.end)}
+
+    run = fb.Response(build, dt=0.01, t_end=0.1)
+    _, y = run([1.0])
+    run.vjp({"tip": np.ones_like(y["tip"])})  # checks slopes by other scenes
+    states, find = [], Starts.initial
+    monkeypatch.setattr(Starts, "initial", lambda *x, **y: states.append(0) or find(*x, **y))
+    run([1.1])
+    run.vjp({"tip": np.ones_like(y["tip"])})
+    assert len(states) == 1
