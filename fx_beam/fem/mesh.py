@@ -178,10 +178,14 @@ class Mesh:
     def motion(self, scene: Scene, **histories: np.ndarray) -> NodalMotion:
         """Motion as joints of a scene read it, of histories (n, size) "q" and "v"."""
         nodal = {name: rows.reshape(-1, len(self.X), 3) for name, rows in histories.items()}
-        return NodalMotion(
-            lambda name, node: nodal[name][:, node.number].T,
-            lambda name, beam: nodal[name][:, self.nodes_of(scene, beam)],
-        )
+        rows_of_beams: dict[tuple[str, str], np.ndarray] = {}  # many nodes may slide on a beam
+
+        def rows_of_beam(name: str, beam: Beam) -> np.ndarray:
+            if (key := (name, beam.name)) not in rows_of_beams:
+                rows_of_beams[key] = nodal[name][:, self.nodes_of(scene, beam)]
+            return rows_of_beams[key]
+
+        return NodalMotion(lambda name, node: nodal[name][:, node.number].T, rows_of_beam)
 
     def place_of(self, node: int, scene: Scene) -> str:
         """In words where a node is: on which beam, or its position."""

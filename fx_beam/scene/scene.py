@@ -1684,8 +1684,10 @@ class Scene:
 
 def _is_held(scene: Scene, node: Node) -> bool:
     """Whether a node is the ground, or a component of it is supported or driven."""
-    held_numbers = {number for number, _ in (*scene.fixed, *scene.prescribed)}
-    return node is GROUND or node.number in held_numbers
+    if node is GROUND:
+        return True
+    keys = [(node.number, component) for component in range(3)]
+    return any(key in scene.fixed or key in scene.prescribed for key in keys)
 
 
 def _free_component(scene: Scene, node: Node, component: str) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -57,6 +58,8 @@ class BeamAxis:
         elements = len(self.h)
         #: Reference positions (nodes, 2) of all nodes in order [m].
         self.X = reference_positions(beam)
+        #: Identities of the nodes of the beam, and of those that carry it.
+        self.node_ids = frozenset(map(id, (*beam.nodes, *beam.carriers)))
         #: Elements and nodes of a window.
         self.window = min(elements, self.WINDOW)
         self.width = p * self.window + 1
@@ -142,13 +145,21 @@ class CubicPath:
         # next place is at most a quarter of the largest slope away.
         self._places = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4) @ cubics
         self._reach = np.linalg.norm(cubics[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
+        # Numbers of the first pieces of groups, and circles round the places of each group.
+        size = math.isqrt(len(cubics) - 1) + 1
+        self._starts = np.arange(0, len(cubics) + size, size)
+        groups = np.split(self._places, self._starts[1:-1])
+        self._centres = np.array([places.mean(axis=(0, 1)) for places in groups])
+        pairs = zip(groups, self._centres, strict=True)
+        self._radii = np.array([np.linalg.norm(x - centre, axis=2).max() for x, centre in pairs])
 
     def nearest(self, point: np.ndarray) -> tuple[float, float]:
         """Arc length of the nearest point of the path, and the distance to it [m]."""
-        distances = np.linalg.norm(self._places - point, axis=2).min(axis=1)
+        near = self._near(point)
+        distances = np.linalg.norm(self._places[near] - point, axis=2).min(axis=1)
         most = distances.min() * (1 + 1e-6) + 1e-12 * self._s[-1]
         arcs, gaps, within = [], [], []
-        for piece in np.flatnonzero(distances - self._reach <= most):
+        for piece in near[distances - self._reach[near] <= most]:
             x, gap = _nearest_on_cubic(self._cubics[piece] - [point, *np.zeros((3, 2))])
             start, end = self._s[piece : piece + 2]
             arcs.append(np.where(x < 1, start + (end - start) * x, end))
@@ -158,6 +169,14 @@ class CubicPath:
         is_farther = gap > gap.min() + 1e-15 * self._s[-1]
         best = np.lexsort((s, np.concatenate(within), is_farther))[0]  # ends of pieces come first
         return float(s[best]), float(gap[best])
+
+    def _near(self, point: np.ndarray) -> np.ndarray:
+        """Numbers of the pieces that may be the nearest ones, in order: those of near groups."""
+        far = np.linalg.norm(self._centres - point, axis=1)
+        most = (far + self._radii).min() * (1 + 1e-6) + 1e-12 * self._s[-1] + self._reach.max()
+        groups = np.flatnonzero(far - self._radii <= most)
+        pieces = (self._starts[groups, None] + np.arange(self._starts[1])).ravel()
+        return pieces[pieces < len(self._reach)]
 
 
 def _nearest_on_cubic(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -515,7 +534,7 @@ def _sliding(kind, beam, node, fraction, slide, rotation) -> SlidingJoint:
         raise SceneError(f"{kind}: {beam!r} is not a beam; give the beam that guides the node")
     expected = "given: a guide on the ground needs its place at the start, a fraction of the beam"
     require(node is not GROUND or fraction is not None, f"{kind}: fraction", fraction, expected)
-    if id(node) in map(id, (*beam.nodes, *beam.carriers)):
+    if id(node) in axis_of(beam).node_ids:
         raise SceneError(f"{kind}: {node} belongs to beam {beam.name!r}; take one of another beam")
     if fraction is not None:
         ok = 0 <= as_float(fraction) <= 1

@@ -8,6 +8,7 @@ import fx_beam as fb
 from fx_beam.coupling import reduction
 from fx_beam.coupling.graph import Entries
 from fx_beam.plot.drawing import Drawing
+from fx_beam.scene.sliders import axis_of
 from fx_beam.step import tangent_storage
 from fx_beam.step.stepper import CompiledLoop
 
@@ -75,3 +76,14 @@ def test_arms_are_found_where_products_of_their_numbers_are_too_large_for_32_bit
     rows, values = np.array([[80_000, 80_999], [71_993, 71_994]], np.int32)
     entries = Entries(rows, np.zeros(2, np.int32), values, np.ones(2))
     assert [part.tolist() for part in entries.arms] == [rows.tolist(), [35_996, 35_997]]
+
+
+def test_a_node_on_a_long_beam_is_looked_for_near_it_and_has_the_same_place(monkeypatch):
+    section = fb.Section(EA=1.0, GA=1.0, EI=1.0)
+    ring = fb.Scene().add_beam(fb.arc((1, 0), (0.6, 0.8), (0, 1)), section, elements=200, degree=2)
+    cubics = axis_of(ring).cubics
+    points = np.vstack([np.zeros(2), np.random.default_rng(0).uniform(-1, 2, (50, 2))])
+    places = [cubics.nearest(point) for point in points]
+    assert np.median([len(cubics._near(point)) for point in points]) < 60
+    monkeypatch.setattr(type(cubics), "_near", lambda path, point: np.arange(200))
+    assert places == [cubics.nearest(point) for point in points]
