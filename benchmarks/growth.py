@@ -179,7 +179,7 @@ def springs(n):
 KINDS = {f.__name__: f for f in (elements, chain, ladder, lattice, truss)}
 KINDS |= {f.__name__: f for f in (sliders, contacts, members, motors, gears, springs)}
 SIZES = {name: (64, 256, 1024, 4096) for name in KINDS}
-SIZES |= {"sliders": (8, 32, 128, 512), "elements": (256, 1024, 4096, 16384)}
+SIZES |= {"sliders": (32, 128, 512, 2048), "elements": (256, 1024, 4096, 16384)}
 QUICK = {name: (32, 128, 512) for name in KINDS} | {"sliders": (8, 32, 128)}
 
 
