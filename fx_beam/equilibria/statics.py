@@ -438,24 +438,27 @@ def _end_early(stats: Stats, options: StaticOptions, factor: float) -> None:
 
 
 def _name_critical_point(path: LoadPath, error: StepError) -> None:
-    """Let an error say that its path fails at a critical point."""
+    """Let an error name the critical point at which its path fails, or has become unstable."""
     try:
         stability = path.stability(path.states, lambda state: error.solution)
-        points = stability.at_end(stability.unstable_modes())
+        counts = stability.unstable_modes()
+        lost = stability.critical_points()[:1] if counts[0] < counts[-1] else []
+        number = 0 if lost and lost[0].kind == "bifurcation" else -1
+        (point,) = lost if number == 0 else stability.at_end(counts)  # ValueError if none
     except (ValueError, RuntimeError, StepFailed):
         return
-    for point in points:
-        # Beyond the last state it is extrapolated.
-        advice = f"There is a {point.kind} near load factor {point.load_factor:.4g}. "
-        if point.kind == "bifurcation" and path.from_rest and not path.options.spin:
-            advice += (
-                "Follow a branch: start=error.solution.critical_points[-1].branch(+1), with "
-                'continuation="arc-length", which also passes the point, with more steps'
-            )
-        else:
-            advice += error.failure.advice
-        error.failure = path.stats.failure = replace(error.failure, advice=advice)
-        error.args = (str(error.failure),)
+    # Beyond the last state it is extrapolated.
+    advice = f"There is a {point.kind} near load factor {point.load_factor:.4g}. "
+    follows = point.kind == "bifurcation" and path.from_rest and not path.options.spin
+    if follows:
+        advice += (
+            f"Follow a branch: start=error.solution.critical_points[{number}].branch(+1), with "
+            'continuation="arc-length", which also passes the point, with more steps'
+        )
+    if lost or not follows:
+        advice += ". " * follows + error.failure.advice
+    error.failure = path.stats.failure = replace(error.failure, advice=advice)
+    error.args = (str(error.failure),)
 
 
 def _turned(state: State, forcing: LoadForcing) -> State:

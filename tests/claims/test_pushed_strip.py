@@ -74,7 +74,9 @@ def test_no_step_goes_on_straight_where_the_side_load_is_2e_7_of_eulers(turn):
 def test_a_path_that_is_lost_where_it_is_unstable_names_ways_to_the_stable_one(side):
     """Of them fewer load steps. It named limit points and more steps."""
     scene, bar = strip(1e7, side)
-    with pytest.raises(fb.StepError, match="path is unstable before it.*Fewer load steps"):
+    with pytest.raises(
+        fb.StepError, match="points.0..branch.*unstable before it.*Fewer load steps"
+    ):
         fb.static(scene, load_steps=100, t=1.0)
     path = fb.static(scene, t=1.0)
     assert middle(path, bar) == pytest.approx(0.140, abs=7e-4)
