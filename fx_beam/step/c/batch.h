@@ -1,6 +1,6 @@
 /* Evaluates LANES elements at once with a function that FFCx generates for one element. Entry k of
    lane l is at [k][l]: the compiler can then vectorise the loop over lanes. It does so only for code
-   without branches: hence the unrolled loops, and no sincos. The code of FFCx is included unchanged;
+   without branches and calls: hence the unrolled loops, and sines.h. The code of FFCx is included unchanged;
    declarations before it and a macro for `for` modify it, so its own includes are listed here. */
 
 #include <math.h>
@@ -11,10 +11,12 @@
 #include <string.h>
 
 #include "tables.h"
-#include "vectors.h"
+#include "sines.h"
 
 #define fmax larger
 #define fmin smaller
+#define sin sine
+#define cos cosine
 
 #define UNROLLED _Pragma("GCC unroll 1024")
 

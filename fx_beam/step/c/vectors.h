@@ -50,8 +50,6 @@ INLINED void put_three(Four v, double *x) { x[0] = v[0], x[1] = v[1], x[2] = v[2
 #if defined __x86_64__ && defined __GLIBC__ && defined __GNUC__ && !defined __clang__
 /* glibc has vector versions of these, but declares them only with -ffast-math. */
 #define FOR_VECTORS __attribute__((simd("notinbranch"), const, nothrow, leaf))
-FOR_VECTORS double sin(double);
-FOR_VECTORS double cos(double);
 FOR_VECTORS double exp(double);
 FOR_VECTORS double log(double);
 #if __GLIBC_PREREQ(2, 35)
