@@ -11,25 +11,28 @@
 enum { BEFORE = 0, DIAGONAL = 4, AFTER = 8, GROUP = 3 * ROW };
 
 /* Solves the equations of a group with these diagonal rows, for three rows of right sides. Rows are multiplied by pivots, not
-   divided by them, so that no division waits for another one. The solution is not finite if a pivot is zero. */
-INLINED void solve_group(const Four *diagonal, Four *rows) {
+   divided by them, so that no division waits for another one. The solution is not finite if a pivot is zero; what is returned is
+   not if a pivot is not finite, to which the solution is zero. */
+INLINED double solve_group(const Four *diagonal, Four *rows) {
   Four a = diagonal[0], b = diagonal[1], c = diagonal[2], x = rows[0], y = rows[1], z = rows[2];
   double first = 1 / a[0], b1 = a[0] * b[1] - b[0] * a[1], b2 = a[0] * b[2] - b[0] * a[2];
   double c1 = a[0] * c[1] - c[0] * a[1], c2 = a[0] * c[2] - c[0] * a[2];
-  double second = 1 / b1, third = 1 / (b1 * c2 - c1 * b2);
+  double second = 1 / b1, pivots = b1 * c2 - c1 * b2, third = 1 / pivots;
   y = a[0] * y - b[0] * x, z = a[0] * z - c[0] * x;
   rows[2] = z = (b1 * z - c1 * y) * third;
   rows[1] = y = y * second - b2 * second * z;
   rows[0] = x * first - a[2] * first * z - a[1] * first * y;
+  return pivots;
 }
 
 /* Solves the equations of a group, with these diagonal rows and right sides, for its unknowns. They depend on
    those of the group with these couplings: its factors, and behind them the part without it, take the
-   place of the couplings and are returned in u. */
-INLINED void eliminate_group(const Four *diagonal, double *couplings, Four *u) {
+   place of the couplings and are in u. Returns what `solve_group` does. */
+INLINED double eliminate_group(const Four *diagonal, double *couplings, Four *u) {
   for (int i = 0; i < 3; ++i) u[i] = PICK(load(couplings + i * ROW), diagonal[i], 0, 1, 2, 7);
-  solve_group(diagonal, u);
+  double pivots = solve_group(diagonal, u);
   for (int i = 0; i < 3; ++i) *(Four *)(couplings + i * ROW) = u[i];
+  return pivots;
 }
 
 /* Subtracts an eliminated group from the diagonal rows of one that is coupled with it. */
@@ -53,32 +56,35 @@ INLINED void store_inverse(double *group, const Four *diagonal) {
   for (int i = 0; i < 3; ++i) *(Four *)(group + DIAGONAL + i * ROW) = inverse[i];
 }
 
-/* Eliminates a group, whose diagonal rows become those of the next one in this way: 1 down, -1 up. */
-INLINED void eliminate_next(const Work *w, int k, int way, int keep, Four *diagonal) {
+/* Eliminates a group, whose diagonal rows become those of the next one in this way: 1 down, -1 up. Returns what `solve_group` does. */
+INLINED double eliminate_next(const Work *w, int k, int way, int keep, Four *diagonal) {
   double *group = w->tangent + k * GROUP;
   Four u[3];
   if (keep) store_inverse(group, diagonal);
-  eliminate_group(diagonal, group + (way > 0 ? AFTER : BEFORE), u);
+  double pivots = eliminate_group(diagonal, group + (way > 0 ? AFTER : BEFORE), u);
   diagonal_rows(w, k + way, diagonal);
   subtract_group(diagonal, group + way * GROUP + (way > 0 ? BEFORE : AFTER), u);
+  return pivots;
 }
 
 /* Elimination for the right side y; returns 0 if a pivot is zero. Proceeds from both ends to the group `middle`, of which
-   y becomes the solution: the processor can overlap the divisions. With `keep` for further right sides. */
-INLINED int eliminate_chain(const System *system, const Work *w, int middle, int keep) {
+   y becomes the solution: the processor can overlap the divisions. With `keep` for further right sides. Zero times all pivots
+   is `finite` in Newton's method, not a number if one is infinite. */
+INLINED int eliminate_chain(const System *system, Work *w, int middle, int keep) {
   int last = system->chain - 1;
+  double finite = 0;
   double none[GROUP] = {0};
   Four down[3], up[3], diagonal[3], u[3];
   diagonal_rows(w, 0, down), diagonal_rows(w, last, up);
   for (int k = 0; k < middle || k < last - middle; ++k) {
-    if (k < middle) eliminate_next(w, k, 1, keep, down);
-    if (k < last - middle) eliminate_next(w, last - k, -1, keep, up);
+    if (k < middle) finite += 0 * eliminate_next(w, k, 1, keep, down);
+    if (k < last - middle) finite += 0 * eliminate_next(w, last - k, -1, keep, up);
   }
   /* Both have the diagonal rows of the group in the middle, with one side's contribution each. */
   diagonal_rows(w, middle, diagonal);
   for (int i = 0; i < 3; ++i) diagonal[i] = down[i] + (up[i] - diagonal[i]);
   if (keep) store_inverse(w->tangent + middle * GROUP, diagonal);
-  eliminate_group(diagonal, none, u);
+  w->newton.finite = finite + 0 * eliminate_group(diagonal, none, u);
   for (int i = 0; i < 3; ++i) w->y[3 * middle + i] = u[i][3];
   return isfinite(u[0][3]); /* any zero pivot comes down to it */
 }

@@ -242,9 +242,12 @@ static void note_rounding(const Tables *p, const Numbers *s, Work *w, double siz
     if (fabs(w->correction[i] * s->per_unit[i]) == size) w->counts.left_at = i;
 }
 
-/* Whether all stiffnesses and forces of the last correction are finite: against an infinite stiffness nothing moves. */
+/* Whether all stiffnesses and forces of the last correction are finite: against an infinite stiffness nothing moves. An infinite
+   one in a chain makes a pivot infinite. */
 HOT int is_finite(const Tables *p, const Work *w) {
-  return isfinite(largest(p->tangent.stored, w->tangent, 0)) && isfinite(largest(p->dofs, w->f, 0));
+  int eliminated = HAS(CHAIN) ? p->system.chain * GROUP : 0;
+  if (eliminated && w->newton.finite != 0) return 0;
+  return isfinite(largest(p->tangent.stored - eliminated, w->tangent + eliminated, 0)) && isfinite(largest(p->dofs, w->f, 0));
 }
 
 /* Instead of the order of a prediction: from the unknowns as they are. */

@@ -40,10 +40,10 @@ typedef struct { SparseRows *rows; int *order, *at; ChangingRows *changing; Reus
 typedef int Find(double dt, int *iterations);
 
 /* What Newton's method leaves behind: largest sizes in units of corrections in the last iterations, of which `tried` were made;
-   whether pivots of the last factors were raised, -1 for a singular tangent, and whether they are those of an earlier tangent; the
-   first correction of a step, without its sign. Another program that finds increments, if there is one. */
+   0 if all pivots of a chain are `finite`; whether pivots of the last factors were raised, -1 for a singular tangent, and whether they are those
+   of an earlier tangent; the first correction of a step, without its sign. Another program that finds increments, if there is one. */
 typedef struct {
-  Find *find; double corrections[CORRECTIONS]; int tried, raised, old_factors; double *predicted, *beam_forces, *beam_tangent;
+  Find *find; double corrections[CORRECTIONS], finite; int tried, raised, old_factors; double *predicted, *beam_forces, *beam_tangent;
 } Newton;
 
 /* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
