@@ -384,6 +384,7 @@ class FormTables:
         }
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
         data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._tables.dofs)}
+        data["in_row"] = first_in_row(nodes, self._lanes)
         if self._piece:
             data |= in_colours(nodes, self._piece)
         coordinates = self._in_plane(self._coordinates_of_cells[cells])
@@ -493,6 +494,16 @@ def in_lanes(rows: np.ndarray, lanes: int, first_free: int | None = None) -> np.
     placed = aligned_zeros(*blocks.shape, dtype=kind)
     placed[...] = blocks
     return placed
+
+
+def first_in_row(nodes: np.ndarray, lanes: int) -> np.ndarray:
+    """Blocks' ``in_row``, from the first degrees of freedom of nodes (cells, n)."""
+    first, whole = np.full(-(-len(nodes) // lanes), -1, dtype=np.int32), len(nodes) // lanes
+    if nodes.shape[1] == 2:
+        blocks = nodes[: whole * lanes].reshape(whole, lanes, 2)
+        expected = blocks[:, :1, :1] + 3 * (np.arange(lanes)[:, None] + np.arange(2))
+        first[:whole] = np.where((blocks == expected).all((1, 2)), blocks[:, 0, 0], -1)
+    return first
 
 
 def in_colours(nodes: np.ndarray, size: int) -> dict[str, object]:

@@ -26,6 +26,17 @@ INLINED void pack_nodes(int nodes, const double *x, const int *at, double *to) {
   }
 }
 
+/* The same of elements in a row, from that of the first node on. */
+INLINED void pack_row(const double *x, double *to) {
+  Four a[4], b[4], last = load(x + 24);
+  transpose(load(x), load(x + 3), load(x + 6), load(x + 9), a);
+  transpose(load(x + 12), load(x + 15), load(x + 18), load(x + 21), b);
+  for (int c = 0; c < 3; ++c) {
+    double *first = to + (c < 2 ? c : 4) * LANES, *second = to + (c < 2 ? 2 + c : 5) * LANES;
+    put_lanes(a[c], b[c], first), put_lanes(PICK(a[c], b[c], 1, 2, 3, 4), PICK(b[c], (Four){last[c]}, 1, 2, 3, 4), second);
+  }
+}
+
 /* Each block of LANES elements of a form. */
 #define EACH_BLOCK(elements, block, form)                                                                    \
   for (const Cells *elements = (form)->cells; elements < (form)->cells + (form)->integrals; ++elements)      \
@@ -41,7 +52,8 @@ HOT void pack(const Tables *p, const Work *w, const FormTables *form, const Cell
     int entries = kind == INTERNAL ? p->internal.per_cell : p->natural.per_cell;
     double *to = coefficients + form->offset[m] * LANES;
     const int *at = (kind == INTERNAL ? cells->of->internal : cells->of->natural) + block * entries * LANES;
-    if (kind < INTERNAL) pack_nodes(nodes, w->fields[kind], cells->of->dofs + block * nodes * LANES, to);
+    if (kind < INTERNAL && cells->of->in_row[block] >= 0) pack_row(w->fields[kind] + cells->of->in_row[block], to);
+    else if (kind < INTERNAL) pack_nodes(nodes, w->fields[kind], cells->of->dofs + block * nodes * LANES, to);
     else
       for (int j = 0; j < entries * LANES; j += LANES) *(Lanes *)(to + j) = lanes_of(w->fields[kind], at + j);
   }
@@ -95,6 +107,21 @@ INLINED void add_forces(int nodes, const int *to, const double *tensors, double 
     }
 }
 
+/* The same of elements in a row, from those on the first node on: where two meet, both at once. */
+INLINED void add_row_forces(const double *tensors, double *out) {
+  for (int c = 0; c < 3; ++c) out[c] += tensors[(c < 2 ? c : 4) * LANES];
+  for (int half = 0; half < LANES; half += 4, out += 12) {
+    Four sums[3], nodes[4];
+    for (int c = 0; c < 3; ++c) {
+      const double *first = tensors + (c < 2 ? c : 4) * LANES + half, *second = tensors + (c < 2 ? 2 + c : 5) * LANES + half;
+      sums[c] = load(second) + PICK(load(first), half ? (Four){0} : load(first + 4), 1, 2, 3, 4);
+    }
+    transpose(sums[0], sums[1], sums[2], (Four){0}, nodes);
+    *(Four *)(out + 3) += PICK(nodes[0], nodes[1], 0, 1, 2, 4), *(Four *)(out + 7) += PICK(nodes[1], nodes[2], 1, 2, 4, 5);
+    *(Four *)(out + 11) += PICK(nodes[2], nodes[3], 2, 4, 5, 6);
+  }
+}
+
 /* Adds the element tangents of a block to a chain. Three entries of a node are added at once, with a zero
    for the free place behind them. */
 INLINED void add_to_chain(int n, const Integral *integral, long block, const double *tensors, double *K) {
@@ -132,7 +159,8 @@ INLINED void assemble_elements(const Tables *p, const Work *w, int n, const Form
   double A[(12 + 12 * 12) * LANES];
   for (long block = first; block < last && block * LANES < cells->of->cells; ++block) {
     evaluate(p, w, form, cells, block, A);
-    add_forces(n / 3, cells->of->to + block * n / 3 * LANES, A, w->f);
+    if (n == 6 && cells->of->in_row[block] >= 0) add_row_forces(A, w->f + cells->of->in_row[block]);
+    else add_forces(n / 3, cells->of->to + block * n / 3 * LANES, A, w->f);
     if (K) add_tangents(n, cells->of, block, A + n * LANES, K);
   }
 }

@@ -39,8 +39,9 @@ typedef void Batch(double *, const double *, const double *, const double *);
 typedef struct {
   Batch *batch; int cells;
   /* [block][..][lane]: the first degree of freedom of each node, where it is read and added to; of pairs of degrees of freedom of
-     a cell indices in the tangent; of internal variables and natural strains those in the ones of all cells. */
-  const int *dofs, *to, *stored_at, *internal, *natural;
+     a cell indices in the tangent; of internal variables and natural strains those in the ones of all cells. Of each block the first
+     degree of freedom if its elements have two nodes each, which all follow each other, else -1. */
+  const int *dofs, *to, *stored_at, *internal, *natural, *in_row;
   /* In a chain instead, for pairs of nodes with entries in three rows of a group: [block][row's node, column's node][lane] index
      of the first. Other entries: where those of each block begin, their indices among the element tensors, and in the tangent. */
   const int *run, *single_start, *single_from, *single_to;
