@@ -175,6 +175,8 @@ _CLANG_FLAGS = [
 ]
 #: What nothing needs of a library's code is dropped; clang does so only in a link.
 WHOLE_PROGRAM = "-fwhole-program"
+#: Long functions without branches: GCC orders them for few registers on x86, too.
+SCHEDULED = "-fschedule-insns", "-fsched-pressure"
 # Compiler option for the processor, on architectures where it accepts "native".
 _OPTION = {"x86_64": "-march", "aarch64": "-mcpu"}.get(platform.machine())
 
@@ -399,7 +401,8 @@ def _known_flags(flags: Sequence[str]) -> Sequence[str]:
     """The flags that the compiler knows. Clang optimises no single functions: it does all."""
     if not is_clang():
         return flags
-    return ["-O2" if flag == "-O1" else flag for flag in flags if flag != WHOLE_PROGRAM]
+    unknown = WHOLE_PROGRAM, *SCHEDULED
+    return ["-O2" if flag == "-O1" else flag for flag in flags if flag not in unknown]
 
 
 def _check_target(target: str, flags: list[str]) -> None:

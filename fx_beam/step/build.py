@@ -61,7 +61,7 @@ def load_batches(
     coefficients and coordinates. They stay as long as they are among those that are `loaded`.
     """
     sizes = ", ".join(str(max(number, 1)) for number in numbers)
-    flags = [*_FLAGS, "-freciprocal-math"]
+    flags = [*_FLAGS, "-freciprocal-math", "-fno-signed-zeros", *c_library.SCHEDULED]
     cache_key = key, sizes, *c_library.target_flags()[1], *flags
     if cache_key in loaded:
         return loaded[cache_key]
