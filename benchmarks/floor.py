@@ -5,6 +5,11 @@
 Both take turns in one process. Medians of the processor time of the steps, and of their ratio, for
 a step, and for an iteration, as the program predicts increments in its own way; the largest
 difference of the displacements at the end, as both compute the same motion; iterations per step.
+
+With 2048 elements an iteration consists of functions of elements (31 of 127 us), their numbers,
+forces and tangents (22), elimination and substitution (27), and masses (13). Tried without gain: to
+eliminate each element as soon as it is assembled spares a tenth, and takes twice the time, as it
+cannot go on from both ends.
 """
 
 import ctypes
