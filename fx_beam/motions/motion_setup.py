@@ -457,7 +457,9 @@ class MotionSetup:
         if start is not None:
             return self.first_state(dt, start, accelerations)
         key = dt, accelerations
-        if key not in self._first_states:
+        if key in self._first_states:
+            self.stepper.load(self._first_states[key])
+        else:
             self._first_states[key] = self.first_state(dt, None, accelerations)
         return self._first_states[key]
 
