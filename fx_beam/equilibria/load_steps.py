@@ -369,8 +369,8 @@ def raise_load(stepper: LoadStepper, states: list[State]) -> None:
 def _stepped_over(stepper: LoadStepper, states: list[State], place: int, count: int) -> int | None:
     """Place that a step over a bifurcation reaches, in the stead of the last states; or None.
 
-    The nearer to it a step starts and ends, the larger is round-off: it is taken longer, if it is
-    no limit point.
+    The nearer to it a step starts and ends, the larger is round-off. It is taken longer then, if
+    modes become unstable in it, or stable again: else it would lead to another path.
     """
     first, reach = len(states) - 2, 1
     while first >= 0 and reach <= 2**stepper.options.max_cuts:
@@ -378,8 +378,10 @@ def _stepped_over(stepper: LoadStepper, states: list[State], place: int, count: 
         stepper.may_be_cut = reach > 1
         stepper.hold_between(states[first].t, goal / count)
         try:
-            states[first + 1 :] = [stepper.step(states[first], goal / count)]
-            return goal
+            new, old = stepper.step(states[first], goal / count), states[first]
+            if reach == 1 or stepper.motions.count(new, old) != old.unstable_modes:
+                states[first + 1 :] = [new]
+                return goal
         except StepFailed:
             if stepper.softens:
                 break
