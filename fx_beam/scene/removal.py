@@ -6,7 +6,7 @@ Numbers of nodes and joints stay: rows of solutions belong to them. Nodes of no 
 from __future__ import annotations
 
 import bisect
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,15 +14,39 @@ from fx_beam.errors import SceneError, is_one_of, require, shown
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
+from .contacts import Contact
 from .coordinate import Locked
 from .forces_between import ForceBetween
 from .joints import Joint
+from .loads import Damping, Drag, Load, Mass, NaturalStrain, VirtualWork
+from .part_index import PartIndex
 
-# Lists of parts, each with the node or beam on which it is, or with both ends.
-_WITH_ENDS = """loads natural_strains drags velocities virtual_works contacts joints
-    forces_between gears""".split()
-# Lists of parts that can be taken away.
-_REMOVABLE = {*_WITH_ENDS, "beams", "bodies", "masses", "dampings"} - {"velocities"}
+# Nodes, beams and shapes on which the parts of each list are.
+_ENDS: dict[str, Callable[[Any], Iterable[object]]] = {
+    "loads": lambda load: (load.target, getattr(load.target, "beam", None)),
+    "natural_strains": lambda strain: (strain.beam,),
+    "drags": lambda drag: (drag.target,),
+    "velocities": lambda velocity: (velocity.target,),
+    "virtual_works": lambda work: (work.beam,),
+    "contacts": lambda part: (part.target, part.shape, getattr(part.shape, "carrier", None)),
+    "joints": lambda joint: (joint.a, joint.b, getattr(joint, "beam", None)),
+    "forces_between": lambda force: (*force.points, getattr(force, "target", None)),
+    "gears": lambda gear: gear.nodes,
+}
+# Names of the lists of parts that can be taken away, by kinds; all others can only be gears.
+_LIST_OF_KIND = {
+    Load: "loads",
+    ForceBetween: "forces_between",
+    Joint: "joints",
+    Beam: "beams",
+    Body: "bodies",
+    Mass: "masses",
+    Contact: "contacts",
+    NaturalStrain: "natural_strains",
+    Drag: "drags",
+    Damping: "dampings",
+    VirtualWork: "virtual_works",
+}
 
 
 def own_joint(scene, joint: Joint) -> Joint | None:
@@ -49,12 +73,12 @@ def joint_of(scene, joint: object, name: str) -> Joint:
     return known
 
 
-def position_in(parts: Sequence, part: object, name: str, kind: str) -> int:
-    """Index of a part in a list of a scene; SceneError if it is not there."""
-    for i, other in enumerate(parts):
-        if other is part:
-            return i
-    raise _unknown(part, name, kind)
+def place_in(scene, name: str, part: object, caller: str, kind: str) -> tuple[PartIndex, int]:
+    """Index of a list of a scene, and the place of a part in it; SceneError if it is not there."""
+    index = scene.part_indices.of(scene, name)
+    if (span := index.find(part)) is None:
+        raise _unknown(part, caller, kind)
+    return index, span.start
 
 
 def _unknown(part: object, name: str, kind: str) -> SceneError:
@@ -67,24 +91,25 @@ def _unknown(part: object, name: str, kind: str) -> SceneError:
 def remove_parts(scene, parts: Sequence[object]) -> None:
     """Take parts away, with what goes with them; SceneError if the scene does not have one."""
     parts = [isinstance(part, Joint) and own_joint(scene, part) or part for part in parts]
-    gone = {*map(id, parts)}
-    lists = [getattr(scene, name) for name in _REMOVABLE]
-    ids_in_lists = [gone.intersection(map(id, items)) for items in lists]
-    known = set[int]().union(*ids_in_lists)
+    groups: dict[str, list] = {}
     for part in parts:
-        if id(part) not in known:
-            raise _unknown(part, "remove", "a part")
-    for items, ids in zip(lists, ids_in_lists, strict=True):
-        if ids:
-            items[:] = [part for part in items if id(part) not in ids]
+        groups.setdefault(_list_of(part), []).append(part)
+    indices = {name: scene.part_indices.of(scene, name) for name in groups}
+    spans = {name: indices[name].find(*group) for name, group in groups.items()}
+    if None in spans.values():
+        for part in parts:  # the first one that the scene does not have is refused
+            place_in(scene, _list_of(part), part, "remove", "a part")
+    for name, group in groups.items():
+        indices[name].remove(spans[name], group)
     for part in parts:
         _forget(scene, part)
-    if any(isinstance(part, Joint) for part in parts):
-        numbers = {joint.number for joint in scene.joints}
-        scene.gears[:] = [g for g in scene.gears if {t.joint.number for t in g.terms} <= numbers]
+    if joints := {part.number for part in parts if isinstance(part, Joint)}:
+        scene.gears[:] = [
+            gear
+            for gear in scene.gears
+            if joints.isdisjoint((gear.joint_a.number, gear.joint_b.number))
+        ]
     beams = [part for part in parts if isinstance(part, Beam)]
-    if beams:
-        _remove_what_is_on(scene, beams)
     bodies = [part for part in parts if isinstance(part, Body)]
     if bodies:  # nodes of beams that followed them are free
         led = {(body.centre.number, node.number) for body in bodies for node in body.nodes}
@@ -96,7 +121,12 @@ def remove_parts(scene, parts: Sequence[object]) -> None:
     nodes = [node for beam in beams for node in (*beam.nodes, *beam.carriers)]
     nodes += [node for body in bodies for node in body.nodes]
     if nodes:
-        _remove_nodes(scene, nodes)
+        _remove_what_is_on(scene, [*beams, *_held_nodes(scene, nodes)])
+
+
+def _list_of(part: object) -> str:
+    """Name of the list in which a part can be."""
+    return next((name for kind, name in _LIST_OF_KIND.items() if isinstance(part, kind)), "gears")
 
 
 def _forget(scene, part: object) -> None:
@@ -130,37 +160,28 @@ def unlocked(joint: Joint) -> Joint:
     raise SceneError(f"unlock {joint}: it is not locked")
 
 
-def _remove_nodes(scene, nodes: Iterable[Node]) -> None:
-    """Take all away that is on nodes which belong to no member, and hold them."""
+def _held_nodes(scene, nodes: Iterable[Node]) -> list[Node]:
+    """Nodes that belong to no member any more, held where they are."""
     used = {node.number for member in (*scene.beams, *scene.bodies) for node in member.nodes}
     used |= {node.number for beam in scene.beams for node in beam.carriers} | scene.gone
     free = list({node.number: node for node in nodes if node.number not in used}.values())
-    if free:
-        _remove_what_is_on(scene, free)
     for node in free:
         scene.gone.add(node.number)
         for i in range(len(COMPONENTS)):
             scene.prescribed.pop((node.number, i), None)
             scene.fixed.add((node.number, i))
+    return free
 
 
 def _remove_what_is_on(scene, targets: Sequence[Beam | Node]) -> None:
     """Take loads, masses, joints, contacts and more away that act on beams or on nodes."""
     ids = {*map(id, targets)}
-
-    def is_on_them(part) -> bool:
-        shape = getattr(part, "shape", None)
-        ends = [getattr(part, name, None) for name in ("target", "beam", "a", "b")]
-        ends += part.points if isinstance(part, ForceBetween) else ()
-        ends += part.nodes if name == "gears" else ()
-        ends.append(getattr(getattr(part, "target", None), "beam", None))  # of a place
-        return any(id(end) in ids for end in (*ends, shape, getattr(shape, "carrier", None)))
-
-    for name in _WITH_ENDS:
+    for name, ends in _ENDS.items():
         parts = getattr(scene, name)
-        on_them = {id(part): part for part in parts if is_on_them(part)}
+        on_them = {id(part): part for part in parts if not ids.isdisjoint(map(id, ends(part)))}
         for part in on_them.values():
             _forget(scene, part)
-        parts[:] = [part for part in parts if id(part) not in on_them]
+        if on_them:
+            parts[:] = [part for part in parts if id(part) not in on_them]
     numbers = {target.number for target in targets if isinstance(target, Node)}
     scene.masses[:] = [mass for mass in scene.masses if mass.node not in numbers]

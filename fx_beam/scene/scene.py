@@ -27,7 +27,8 @@ from .law import functions_of_energy
 from .loads import NaturalStrain, Shaking, acceleration, changed_strain, natural_strain
 from .notebook import facts, html_table, sketch
 from .parameters import Parameters, is_parameter
-from .removal import joint_of, locked, place_of_joint, position_in, remove_parts, unlocked
+from .part_index import PartIndices
+from .removal import joint_of, locked, place_in, remove_parts, unlocked
 from .section import Section, functions_of_section, warn_of_coarse_elements
 from .sliders import SlidingJoint
 
@@ -113,12 +114,15 @@ class Scene:
         self.projects_velocities = False
         #: What is known of functions that are called with arrays; None if none is.
         self.array_calls: ArrayCalls | None = None
+        #: Where parts are in the lists.
+        self.part_indices = PartIndices()
 
     def __copy__(self):
         return copy.deepcopy(self)
 
     def __getstate__(self):
-        return self.__dict__ | {"array_calls": None}  # code has no copies
+        # Code has no copies, and copies of parts have other ids.
+        return self.__dict__ | {"array_calls": None, "part_indices": PartIndices()}
 
     def __setstate__(self, state):
         self.__dict__.update(state)
@@ -1443,27 +1447,28 @@ class Scene:
             For a load of another scene, or a value that does not fit.
         """
         strains = {"axial": axial, "shear": shear, "curvature": curvature}
-        parts: list = self.loads
         if isinstance(load, NaturalStrain):
-            parts = self.natural_strains
             require(value is None, f"change: value of a {load}", value, "axial=, shear=, ...")
         else:
             names = ", ".join(name for name, strain in strains.items() if strain is not None)
             require(not names, f"change: {names} of a load", None, "those of natural strains")
         if isinstance(load, loads.VirtualWork):
-            position_in(self.virtual_works, load, "change", "a pressure")
+            place_in(self, "virtual_works", load, "change", "a pressure")
             require(bool(load.own), "change", load, "a pressure; others change by a Parameter")
             self.parameters[load.own[0]] = value
             return load
-        index = position_in(parts, load, "change", "a load or a natural strain")
+        name = "natural_strains" if isinstance(load, NaturalStrain) else "loads"
+        index, place = place_in(self, name, load, "change", "a load or a natural strain")
+        new: Any
         if isinstance(load, NaturalStrain):
-            parts[index] = changed_strain(load, strains)
+            new = changed_strain(load, strains)
         elif load.kind.startswith("shaking"):
-            parts[index] = replace(load, value=acceleration(value, load.kind))
+            new = replace(load, value=acceleration(value, load.kind))
         else:
-            parts[index] = loads.changed(load, value)
+            new = loads.changed(load, value)
+        index.replace(place, new)
         self.changes += 1
-        return parts[index]
+        return new
 
     def remove(self, *parts) -> None:
         """Take away joints, members, contacts, loads, masses, drag, forces, natural strains.
@@ -1601,11 +1606,12 @@ class Scene:
     def _replaced(self, joint: Joint, name: str, change: Callable[[Joint], Joint]) -> Joint:
         """A changed joint in the place of the one before."""
         old = joint_of(self, joint, name)
-        index = place_of_joint(self, old.number)
-        self.joints[index] = change(old)
-        self._couplings[coupling_of(old)] = self.joints[index]
+        new = change(old)
+        index, place = place_in(self, "joints", old, name, "a joint")
+        index.replace(place, new)
+        self._couplings[coupling_of(old)] = new
         self.changes += 1
-        return self.joints[index]
+        return new
 
     def set_velocity(self, target: Beam | Body | Node, velocity=(0.0, 0.0), spin=0.0) -> None:
         """Set the velocity and spin at t = 0.

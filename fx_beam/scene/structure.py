@@ -56,7 +56,7 @@ _NUMBERS = "_gravity", "prescribed", "masses", "parameters", "rates"
 _PLAIN = {float, DualFloat, int, bool, str, type(None)}
 _SCALARS, _NODES = _PLAIN - {type(None)}, {Node}
 # What follows from the rest of a scene.
-_DERIVED = {"nodes", "_couplings", "changes", "array_calls"}
+_DERIVED = {"nodes", "_couplings", "changes", "array_calls", "part_indices"}
 
 
 # The number of a node.

@@ -2,6 +2,7 @@
 
 import copy
 import operator
+import pickle
 
 import ufl
 
@@ -580,3 +581,37 @@ def test_a_bar_that_yielded_keeps_its_set_where_its_fixed_point_and_something_el
     scene, body = build(-1.001, lambda scene, hook: scene.clamp(hook))
     (start, _) = fb.simulate(scene, dt=1e-3, t_end=1e-3, start=loaded).energy.springs
     assert start == pytest.approx(100 / 2 * (0.066 - 0.05) ** 2 + 10 / 2 * 0.05**2, rel=1e-9)
+
+
+def test_parts_are_found_in_their_order_however_often_the_scene_changes():
+    scene = fb.Scene()
+    nodes = [scene.add_body((x, 0), mass=1.0).centre for x in range(6)]
+    loads = [scene.add_force(node, (1.0, 0.0)) for node in 4 * nodes]
+    rng, gone = np.random.default_rng(0), []
+    for step in range(400):
+        k, kind = int(rng.integers(len(loads))), step % 7
+        if kind < 3:
+            loads.append(scene.add_force(nodes[k % 6], (1.0, 0.0)))
+        elif kind == 3:
+            gone.append(loads[k])
+            loads[k] = scene.change(loads[k], (2.0, 0.0))
+        elif kind == 4:
+            gone.append(loads.pop(k))
+            scene.remove(gone[-1])
+        elif kind == 5:
+            parts = [loads.pop(k % len(loads)) for k in rng.integers(9, size=2)]
+            scene.remove(*parts, parts[0])
+        elif step % 3 == 0:
+            scene.gravity = lambda t: (0.0, -t)  # a load before all others
+            scene.change(scene.loads[0], (0.0, -1.0))
+        assert [load for load in scene.loads if load.kind == "force"] == loads
+    for load in gone:
+        with pytest.raises(fb.SceneError, match="does not have"):
+            scene.change(load, (1.0, 0.0))
+    scene.gravity = None
+    for other in copy.deepcopy(scene), pickle.loads(pickle.dumps(scene)):
+        rest = [*other.loads[2:]]
+        other.remove(other.loads[1], other.loads[0])
+        assert other.loads == rest
+        with pytest.raises(fb.SceneError, match="does not have"):
+            other.remove(loads[0])

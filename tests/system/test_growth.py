@@ -1,8 +1,22 @@
-"""Cost grows as the work grows: memory and calls at sizes four times apart, without a clock."""
+"""Cost grows as the work grows: memory, calls and lines at several sizes, without a clock."""
+
+import sys
 
 import numpy as np
 import pytest
-from growth import KINDS, calls, exponent, ladder, lattice, measure, peak, sliders, springs, warm
+from growth import (
+    KINDS,
+    calls,
+    exponent,
+    ladder,
+    lattice,
+    measure,
+    peak,
+    sliders,
+    springs,
+    truss,
+    warm,
+)
 
 import fx_beam as fb
 from fx_beam.coupling import reduction
@@ -35,6 +49,47 @@ def test_memory_grows_as_the_number_of_things(kind):
 @pytest.mark.parametrize("kind", ["lattice", "gears", "springs"])
 def test_files_and_pages_take_calls_as_the_number_of_things(kind):
     assert not too_large(kind, calls, FILES, small=64)
+
+
+def lines(run):
+    """Number of lines of Python that are run."""
+    count = 0
+
+    def line(_, event, __):
+        nonlocal count
+        count += event == "line"
+        return line
+
+    tracer = sys.gettrace()
+    sys.settrace(line)
+    try:
+        run()
+        return count
+    finally:
+        sys.settrace(tracer)
+
+
+def changes(n):
+    """Changes of some parts of a truss, by names."""
+    scene = truss(n)[0]
+    joints, springs = scene.joints[:8], scene.forces_between[:8]
+    forces = [scene.add_force(node, (0.0, -1.0)) for node in scene.nodes]
+    return {
+        "change": lambda: [scene.change(force, (0.0, -2.0)) for force in forces[-8:]],
+        "lock": lambda: [scene.unlock(scene.lock(joint)) for joint in joints],
+        "remove forces": lambda: [scene.remove(force) for force in forces[:8]],
+        "remove springs": lambda: [scene.remove(spring) for spring in springs],
+        "remove joints": lambda: [scene.remove(joint) for joint in joints],
+        "add and remove": lambda: [
+            scene.remove(scene.add_force(x, (1, 0))) for x in scene.nodes[:8]
+        ],
+    }
+
+
+def test_changes_of_parts_do_not_look_through_the_scene():
+    small, large = ({name: lines(run) for name, run in changes(n).items()} for n in (32, 512))
+    powers = {name: exponent(small[name], large[name], 16) for name in small}
+    assert not {name: power for name, power in powers.items() if power > 0.1}
 
 
 @pytest.mark.parametrize(("kind", "error"), [(sliders, 0.1), (ladder, 0.15)])
