@@ -277,28 +277,6 @@ class Slide:
         self._entries = all_entries.take(np.concatenate(entry_numbers))
         self._entry_start = starts_of([*map(len, entry_numbers)])
 
-    def equations(
-        self, relation: np.ndarray, first: int, values: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows C (components, columns) with C z = 0: rows, columns and values of their entries.
-
-        By values of T or Tv. `relation`: derivatives of the node by a window of the beam that
-        begins with node `first` (c/slider.h).
-        """
-        count, width = len(relation), self.path.width
-        begin, end = 3 * first, 3 * (first + width)
-        parts = self.guide.parts.take(slice(*np.searchsorted(self.guide.parts.row, (begin, end))))
-        dof_weights = np.zeros((count, width, 3))
-        dof_weights[:, :, :count] = relation[:, :-1].reshape(count, count, width).swapaxes(1, 2)
-        row, column, weights = parts.weights(values)
-        part_weights = dof_weights.reshape(count, -1)[:, row - begin] * weights
-        every = np.arange(count)
-        return (
-            np.concatenate([np.repeat(every, len(column)), every, every]),
-            np.concatenate([np.tile(column, count), np.full(count, self.column), self.columns]),
-            np.concatenate([part_weights.ravel(), relation[:, -1], np.full(count, -1.0)]),
-        )
-
     def members(self) -> dict[str, Any]:
         """As ``Slider`` of c/slider.h."""
         return self.guide.members | {
@@ -313,6 +291,52 @@ class Slide:
             "entry_value": self._entries.value_at,
             "entry_sign": self._entries.sign,
         }
+
+
+class SlideEquations:
+    """Rows C (columns of nodes on beams, columns) with C z = 0, of all nodes that slide."""
+
+    def __init__(self, slides: Sequence[Slide], guides: Sequence[Guide]):
+        counts = np.array([len(slide.columns) for slide in slides])
+        # For each row the number of its slide, its component, and the number of components.
+        self._slide = np.repeat(np.arange(len(slides)), counts)
+        self._component = np.concatenate([*map(np.arange, counts)])
+        self._components = counts[self._slide]
+        self._slide_column = np.array([slide.column for slide in slides])[self._slide]
+        #: The columns that the rows give.
+        self.columns = np.concatenate([slide.columns for slide in slides])
+        # Nodes in a window of the beam, and its first degree of freedom among all of `_parts`.
+        self._width = np.array([slide.path.width for slide in slides])[self._slide]
+        starts = starts_of([guide.dofs.size for guide in guides]).tolist()
+        start_of = {id(guide): start for guide, start in zip(guides, starts, strict=False)}
+        self._start = np.array([start_of[id(slide.guide)] for slide in slides])[self._slide]
+        parts = [g.parts._replace(row=g.parts.row + start_of[id(g)]) for g in guides]
+        self._parts = Entries(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def entries(
+        self, relations: np.ndarray, first: np.ndarray, values: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows, columns and values of the entries, by values of T or Tv.
+
+        `relations` (slides, 3, ...): derivatives of each node by a window of its beam, which begins
+        with node `first`, and by its slide (c/slider.h).
+        """
+        begin = self._start + 3 * first[self._slide]
+        low, high = np.searchsorted(self._parts.row, (begin, begin + 3 * self._width))
+        counts, every = high - low, np.arange(len(begin))
+        row = np.repeat(every, counts)
+        entry = np.arange(len(row)) + np.repeat(low - starts_of(counts)[:-1], counts)
+        dof, column, weights = (part[entry] for part in self._parts.weights(values))
+        node, component = np.divmod(dof - begin[row], 3)
+        slopes = relations[self._slide, self._component]
+        # A node that turns by itself does not depend on rotations of the beam.
+        depends, place = component < self._components[row], component * self._width[row] + node
+        weights *= np.where(depends, slopes[row, place], 0.0)
+        return (
+            np.concatenate([row, every, every]),
+            np.concatenate([column, self._slide_column, self.columns]),
+            np.concatenate([weights, slopes[:, -1], np.full(len(every), -1.0)]),
+        )
 
 
 class Sliders:
@@ -341,6 +365,11 @@ class Sliders:
         sliding = np.arange(couplings.independent, couplings.columns)
         #: Columns of the scene that border the others: free slides and all sliding columns.
         self.outside = np.concatenate([slides[slides < couplings.free], sliding])
+
+    @cached_property
+    def equations(self) -> SlideEquations:
+        """Equations of the columns of all nodes."""
+        return SlideEquations(self.all, self.guides)
 
     def set_tangent(self, rows: np.ndarray, columns: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Set the entries of the tangent before the elimination; returns their positions."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from fx_beam import c_library
 from fx_beam.c_library import Structs, array_at
 from fx_beam.content_cache import cached_by_content, cached_property, shallow_copy
 from fx_beam.fem.forms import Arm
-from fx_beam.fem.mesh import Pattern, rotation_of, sparsity, starts_of
+from fx_beam.fem.mesh import Pattern, rotation_of, sparsity
 from fx_beam.fem.point_forces import CompiledPoints
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.results.state import MACROS
@@ -387,13 +387,14 @@ class Configuration:
         y[:] = self.z[:free]
         return closed
 
-    def relations(self, virtual: bool) -> Iterator[tuple[np.ndarray, int]]:
-        """For each node on a beam the columns of T, or Tv, and where its window begins."""
-        for i, slide in enumerate(self._slides):
-            c = self._c.work.slider[i]
-            rows = np.frombuffer(self._ffi.buffer(c.virtual_map if virtual else c.T)).reshape(3, -1)
-            width, components = slide.path.width, len(slide.columns)
-            yield rows[:components, [*range(components * width), -1]], c.first
+    def relations(self, virtual: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Rows (nodes on beams, 3, ...) of T or Tv, and where their windows begin (nodes,)."""
+        ffi, sliders, count = self._ffi, self._c.work.slider, len(self._slides)
+        size, columns = ffi.sizeof("Slider"), ffi.sizeof(sliders[0].T) // 24
+        memory, place = ffi.buffer(sliders, count * size), functools.partial(ffi.offsetof, "Slider")
+        start, steps = place("virtual_map" if virtual else "T"), (size, 8 * columns, 8)
+        rows: np.ndarray = np.ndarray((count, 3, columns), float, memory, start, steps)
+        return rows, np.ndarray(count, np.int32, memory, place("first"), (size,))
 
     @property
     def arcs(self) -> list[tuple[float, float]]:
@@ -449,21 +450,20 @@ class JointMaps:
         self, values: np.ndarray, virtual: bool, auxiliaries: bool, closed: bool
     ) -> tuple[csr_matrix | np.ndarray, np.ndarray]:
         """C (dependent, columns) with C z = 0, and the numbers of the dependent columns."""
-        columns, slides = self._shape[1], self._joints.sliders.all if self._joints.sliders else []
-        relations = self._joints.configuration.relations(virtual) if slides else []
-        dependent = [np.empty(0, int), *(slide.columns for slide in slides)]
-        starts = starts_of([*map(len, dependent[1:])])
-        parts = [(np.empty(0, int), np.empty(0, int), np.empty(0))]
-        for slide, first_row, (relation, first) in zip(slides, starts, relations, strict=False):
-            row, column, weights = slide.equations(relation, first, values)
-            parts.append((first_row + row, column, weights))
-        row, column, weights = map(np.concatenate, zip(*parts, strict=True))
+        columns, dependent = self._shape[1], [np.empty(0, int)]
+        row, column, weights = np.empty(0, int), np.empty(0, int), np.empty(0)
+        if self._joints.sliders and self._joints.sliders.all:
+            relations = self._joints.configuration.relations(virtual)
+            equations = self._joints.sliders.equations
+            row, column, weights = equations.entries(*relations, values)
+            dependent = [equations.columns]
+        size = len(dependent[0])
         has_auxiliaries = auxiliaries and len(self._joints.auxiliaries)
-        if not has_auxiliaries and starts[-1] <= _FEW:
-            C = np.bincount(row * columns + column, weights, starts[-1] * columns)
-            rows: list[Any] = [C.reshape(starts[-1], columns)]
+        if not has_auxiliaries and size <= _FEW:
+            C = np.bincount(row * columns + column, weights, size * columns)
+            rows: list[Any] = [C.reshape(size, columns)]
         else:
-            rows = [csr_matrix((weights, (row, column)), (starts[-1], columns))]
+            rows = [csr_matrix((weights, (row, column)), (size, columns))]
         if has_auxiliaries:
             rows.insert(0, self._joints.auxiliaries.equations(values))
             dependent.insert(0, np.arange(self._columns, columns))
