@@ -980,7 +980,7 @@ class PathStability:
         else:
             vectors = motions.lowest(K, unstable)[1][:, -multiplicity:]
         kind = "bifurcation" if multiplicity > 1 and root.kind in SMOOTH else root.kind
-        motions.stiffness(state)  # the couplings are then those of this state
+        motions.extended(state)  # the couplings are then those of this state
         omega = np.sign(square) * np.sqrt(abs(square))
         rate, ratio = (-omega, np.nan) if square < 0 else (1j * omega, 0.0)
         values = (np.full(vectors.shape[1], value) for value in (omega, False, ratio, rate))

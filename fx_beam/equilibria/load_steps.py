@@ -219,7 +219,7 @@ class LoadStepper:
         reduced_forces, model = (1 - state.t) * self.path.held, self.model
         if not reduced_forces.any():
             return np.zeros(model.size)
-        self.motions.stiffness(state)  # the couplings are then those of this state
+        self.motions.extended(state)  # the couplings are then those of this state
         maps, T = model.reduction.maps, self.motions.coupling()
         D = maps.dependence_matrix()[: len(reduced_forces), model.reduction.independent]
         return T @ pivoted_lu(T.T @ T).solve(D.T @ reduced_forces)

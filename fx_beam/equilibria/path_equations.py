@@ -18,7 +18,7 @@ from fx_beam.results.state import ARRAYS, NUMBERS, State
 from fx_beam.scene.beam import lagrange
 from fx_beam.step.constrained_matrix import ConstrainedMatrix, Symmetry, UndampedModes
 from fx_beam.step.equations import Residual
-from fx_beam.step.sparse_lu import LU, Pattern, null_vectors, pivoted_lu
+from fx_beam.step.sparse_lu import LU, NONE, Pattern, null_vectors, pivoted_lu
 from fx_beam.step.stepper import LoadLoop, StepFailed
 
 # -- Factors of the equations of a path, bordered by a row and by the column of the load factor -
@@ -35,11 +35,17 @@ from fx_beam.step.stepper import LoadLoop, StepFailed
 class BorderedLU:
     """Factors of bordered matrices of one pattern, for unknowns of sizes `unit` (free,).
 
-    The pattern (n, n) may have auxiliary rows behind the unknowns, where right sides are zero;
-    `dependent` of `Reduction` says what follows from them.
+    The pattern (n, n) may have rows of auxiliary unknowns and loops behind the unknowns, where
+    right sides are zero; `dependent` and `forces` are as in `LU`.
     """
 
-    def __init__(self, pattern: Pattern, unit: np.ndarray, dependent: np.ndarray | None = None):
+    def __init__(
+        self,
+        pattern: Pattern,
+        unit: np.ndarray,
+        dependent: np.ndarray | None = None,
+        forces: np.ndarray = NONE,
+    ):
         indptr, indices = pattern
         n, self._free, self._unit = len(indptr) - 1, len(unit), unit
         self._matrix = csr_matrix((np.zeros(len(indices)), indices, indptr), (n, n))
@@ -47,7 +53,7 @@ class BorderedLU:
         #: Places of the diagonal of the unknowns.
         self._diagonal = np.flatnonzero((rows == indices) & (rows < len(unit)))
         if self._free:
-            self._lu = LU(pattern, dependent)
+            self._lu = LU(pattern, dependent, forces)
         #: Sign of the determinant.
         self.sign = 0.0
 
@@ -172,20 +178,18 @@ class PathEquations:
         self.held = np.zeros(self._reduction.free)
         #: Weights (size,) of the degrees of freedom in the inner product.
         self.weight = 1 / (self.model.units.nodes**2 * len(self.model.mesh.turns))
-        #: Whether unknowns follow others: what is eliminated with them fills the tangent.
-        self._fills = bool(self.model.couplings.closures)
 
     @cached_property
     def bordered(self) -> BorderedLU:
         """The factors of the last tangent."""
-        return self._bordered(*self._reduction.tangent.pattern)
-
-    def _bordered(self, indptr: np.ndarray, indices: np.ndarray) -> BorderedLU:
         reduction = self._reduction
-        unit = self.model.units.unknowns[reduction.independent]
-        return BorderedLU(
-            (indptr, indices), unit, None if self._fills else reduction.auxiliaries.dependent
-        )
+        return self._bordered(reduction.tangent.pattern, reduction.auxiliaries.dependent)
+
+    def _bordered(
+        self, pattern: Pattern, dependent: np.ndarray | None, forces: np.ndarray = NONE
+    ) -> BorderedLU:
+        unit = self.model.units.unknowns[self._reduction.independent]
+        return BorderedLU(pattern, unit, dependent, forces)
 
     def set_start(self, start: State) -> None:
         """Set the state at the start of a step. No time passes for internal variables."""
@@ -255,19 +259,21 @@ class PathEquations:
         """
         reduction, free, equations = self._reduction, self._reduction.free, self.loop.equations
         independent, moved = reduction.independent, slice(free, free + reduction.driven)
-        model, fills = self.model, self._fills
-        if fills or model.couplings.sliding or model.points.members is not None:
+        couplings = self.model.couplings
+        if couplings.closures or couplings.sliding or self.model.points.members is not None:
             # Its sparsity may have changed.
-            A = equations.tangent() if fills else equations.system()
-            A = _with_diagonal(A, len(independent))
+            extended = equations.extended()
+            A, places = _with_diagonal(extended.system, len(independent)), extended.places
             A.sort_indices()
-            self.bordered, values = self._bordered(A.indptr, A.indices), A.data
+            self.bordered = self._bordered((A.indptr, A.indices), places.dependent, places.acts_on)
+            values = A.data
         else:
             values = equations.values
-        goal, row = self.loop.forcing.goal, reduction.maps.coupling().T @ (self.weight * normal.D)
+        goal = self.loop.forcing.goal
+        row = reduction.maps.transpose_to_nodes(self.weight * normal.D)
         corner = normal.load + row[moved] @ goal
         if not np.isfinite(values).all():  # against an infinite stiffness nothing moves
-            nowhere = np.full(model.size, np.nan)
+            nowhere = np.full(self.model.size, np.nan)
             raise StepFailed("singular", "a stiffness is not finite", nowhere)
         self.bordered.factorise(values, column[independent], row[independent], corner)
         dy, dload = self.bordered.solve(np.append(residual[independent], last))
