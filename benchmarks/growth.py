@@ -58,24 +58,33 @@ def chain(n):
     return scene, last.centre
 
 
-def ladder(n):
+def ladder(n, spring=None, gravity=-9.81):
     """n closed loops one after the other: two chains of links, with rungs on hinges."""
-    scene, ends = fb.Scene(gravity=(0, -9.81)), []
+    scene, ends = fb.Scene(gravity=(0, gravity)), []
+
+    def hinge(a, b):
+        scene.add_joint(fb.Revolute(a, b, spring=spring))
+
     for x in (0.0, 1.0):
         for k in range(n):
             points = {"top": (x, -k), "end": (x, -k - 1)}
             link = scene.add_body((x, -k - 0.5), 1.0, 0.1, points=points)
-            if k == 0:
+            if k == 0 and spring is None:
                 scene.pin(link["top"])
             else:
-                scene.add_joint(fb.Revolute(ends[-1]["end"], link["top"]))
+                hinge(ends[-1]["end"] if k else fb.GROUND, link["top"])
             ends.append(link)
     for left, right in zip(ends[:n], ends[n:], strict=True):
         y = left["end"].y
         rung = scene.add_body((0.5, y), 1.0, 0.1, points={"left": (0, y), "right": (1, y)})
-        scene.add_joint(fb.Revolute(left["end"], rung["left"]))
-        scene.add_joint(fb.Revolute(right["end"], rung["right"]))
+        hinge(left["end"], rung["left"])
+        hinge(right["end"], rung["right"])
     return scene, ends[-1].centre
+
+
+def tower(n):
+    """A ladder that stands on the ground, by springs of stiffness n^2 in all hinges."""
+    return ladder(n, fb.Spring(float(n**2)), gravity=9.81)
 
 
 def lattice(n, joints="rigid"):
@@ -176,7 +185,7 @@ def springs(n):
     return scene, last
 
 
-KINDS = {f.__name__: f for f in (elements, chain, ladder, lattice, truss)}
+KINDS = {f.__name__: f for f in (elements, chain, ladder, tower, lattice, truss)}
 KINDS |= {f.__name__: f for f in (sliders, contacts, members, motors, gears, springs)}
 SIZES = {name: (64, 256, 1024, 4096) for name in KINDS}
 SIZES |= {"sliders": (32, 128, 512, 2048), "elements": (256, 1024, 4096, 16384)}

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse
-from scipy.sparse import csc_matrix
+from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from fx_beam.errors import SceneError, is_whole, require
@@ -15,9 +15,8 @@ from fx_beam.motions.initial_state import end_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import BucklingModes, modes_of
 from fx_beam.scene.scene import Scene
-from fx_beam.step.constrained_matrix import warn_of_rounding
+from fx_beam.step.constrained_matrix import ConstrainedMatrix, warn_of_rounding
 from fx_beam.step.model import Model
-from fx_beam.step.sparse_lu import LU
 
 from .load_steps import LoadStepper, StaticOptions
 from .small_loads import SmallLoads, check_forces, geometric_stiffness
@@ -103,7 +102,7 @@ def buckling(
     path.forcing.keep_start()
     path.stepper.path.held[:] = 0.0  # forces that hold the state do not fade
     check_forces(path.model)
-    small, motions = SmallLoads("buckling", path.stepper, first), path.stepper.motions
+    small = SmallLoads("buckling", path.stepper, first)
     if not small.acts:
         raise SceneError(
             f"buckling: no load acts at t = {path.options.t:g}. Add one to the scene, or give "
@@ -112,8 +111,9 @@ def buckling(
     factors, vectors = _lowest(small, path.stepper, n)
     _warn_of_strains(small, path.model, factors)
     zeros = np.zeros(len(factors))
-    motions.stiffness(first)  # the couplings are then those of the state
-    shapes = motions.coupling() @ vectors
+    path.stepper.motions.extended(first)  # the couplings are then those of the state
+    motion = path.model.reduction.maps.motion
+    shapes = np.stack([motion(vector) for vector in vectors.T], axis=1)
     modes = modes_of(path.model, small.state.q, shapes, zeros, zeros > 0, zeros, zeros * 1j)
     return BucklingModes(factors, modes)
 
@@ -161,21 +161,21 @@ def _check_state(solution: Solution, model: Model) -> None:
 def _lowest(small: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray, np.ndarray]:
     """The n lowest positive load factors, and vectors (unknowns, n)."""
     motions = stepper.motions
-    K = motions.stiffness(small.state)
-    size, unit = K.shape[0], scipy.sparse.diags(motions.unit)
+    K = motions.extended(small.state)
+    size, unit = K.free, K.units(stepper.model)
     if not size:
         raise SceneError("buckling: nothing moves")
-    if not motions.symmetric(K) or motions.growing(small.state, K) != (0, 0):
+    if not K.is_symmetric(unit) or motions.growing(small.state) != (0, 0):
         raise SceneError(
             "buckling: the state is no stable equilibrium. Reduce its loads, or support it"
         )
-    Kg = geometric_stiffness(small, stepper)
-    K, Kg = ((unit @ (A + A.T) @ unit / 2).tocsc() for A in (K, Kg))
+    Kg = geometric_stiffness(small, stepper.model, K)
+    K, Kg = (A.symmetric.scaled(unit) for A in (K, Kg))
     # 1/lambda are the largest eigenvalues of -Kg in the metric of K.
     if size <= _FULL or n > size // 3:
-        inverse, vectors = scipy.linalg.eigh(-Kg.toarray(), K.toarray())
+        inverse, vectors = scipy.linalg.eigh(-Kg.matrix.toarray(), K.matrix.toarray())
     else:
-        inverse, vectors = _largest(-Kg, K, n)
+        inverse, vectors = _largest(Kg.without_equations, K, n)
     order = np.argsort(-inverse)[:n]
     least = max(abs(inverse).max(initial=0.0) / _NONE, small.size() / _MOST)
     order = order[inverse[order] > least]
@@ -184,28 +184,43 @@ def _lowest(small: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray
             "buckling: no positive load factor: the loads make nothing unstable. Reverse them, "
             "or check that they compress a member"
         )
-    warn_of_rounding(K, vectors[:, order], "buckling: load factors have")
-    return 1 / inverse[order], unit @ vectors[:, order]
+    vectors = vectors[:, order]
+    warn_of_rounding(K.alone, K.spread(vectors), "buckling: load factors have")
+    return 1 / inverse[order], unit[:size, None] * vectors
 
 
-def _largest(A: csc_matrix, K: csc_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """The n largest eigenvalues of A x = mu K x, if they are positive; their vectors (size, n)."""
+def _largest(Kg: ConstrainedMatrix, K: ConstrainedMatrix, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """The n largest eigenvalues of -Kg x = mu K x, if they are positive; their vectors (size, n).
 
-    def inverse(matrix: csc_matrix) -> LinearOperator:
-        matrix = matrix.tocsr()
-        matrix.sort_indices()
-        lu = LU((matrix.indptr, matrix.indices))
-        lu.factorise(matrix.data)  # positive definite: rows need no exchange
-        return LinearOperator(K.shape, lu.solve, dtype=float)
+    Kg is without equations.
+    """
+    start = np.random.default_rng(0).standard_normal(K.free)
+    operator = partial(LinearOperator, (K.free, K.free), dtype=float)
 
-    start = np.random.default_rng(0).standard_normal(K.shape[0])
+    def product(A: csr_matrix) -> LinearOperator:
+        return operator(lambda x: K.collected(A @ K.spread(x)))
+
+    def inverse(matrix: ConstrainedMatrix) -> LinearOperator:
+        system = matrix.system.sorted_indices()
+        if matrix.is_plain:  # else entries that are zero count in the order of elimination
+            system.eliminate_zeros()
+        lu = matrix.factors((system.indptr, system.indices))
+        if not lu.factorise(system.data):  # T^T A T is positive definite: no exchange of rows
+            raise SceneError(
+                "buckling: the stiffness is singular but for round-off. Support the scene, and "
+                "check the units of stiffnesses: very different magnitudes are lost"
+            )
+        others = np.zeros(system.shape[0] - K.free)
+        return operator(lambda forces: lu.solve(np.append(forces, others))[: K.free])
+
+    A, stiffness = product(-Kg.alone), product(K.alone)
     try:
-        (rough,) = eigsh(A, 1, K, which="LA", Minv=inverse(K), v0=start, tol=1e-2)[0]
+        (rough,) = eigsh(A, 1, stiffness, which="LA", Minv=inverse(K), v0=start, tol=1e-2)[0]
     except ArpackError:  # there is none apart from zero
         rough = 0.0
     if rough <= 0:
         return np.zeros(0), np.zeros((len(start), 0))
     shift = _BELOW / rough
-    shifted = inverse(K - shift * A)
-    factors, vectors = eigsh(K, n, A, shift, mode="buckling", OPinv=shifted, v0=start)
+    shifted = inverse(K + Kg.with_data(shift * Kg.system.data))
+    factors, vectors = eigsh(stiffness, n, A, shift, mode="buckling", OPinv=shifted, v0=start)
     return 1 / factors, vectors

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse
 from scipy.sparse import csr_matrix
 
 from fx_beam.coupling.graph import joints_with_arms
@@ -22,6 +21,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node, gauss_rule, lagrange_and_slopes
 from fx_beam.scene.joints import GROUND
+from fx_beam.step.constrained_matrix import ConstrainedMatrix
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_rows import RowSteps, histories_of
 from fx_beam.step.recorder import Record, Recorder
@@ -315,7 +315,7 @@ class SmallLoads:
     def _reduced(self, forces: np.ndarray) -> np.ndarray:
         """Forces (free,) on the unknowns by those (size,) at nodes, in the state."""
         maps = self._stepper.model.reduction.maps
-        self._stepper.motions.stiffness(self.state)  # the couplings are then those of this state
+        self._stepper.motions.extended(self.state)  # the couplings are then those of this state
         reduced = maps.reduced_force(forces) - maps.reduced_force(0 * forces)
         return reduced[: len(self._unit)]
 
@@ -454,13 +454,10 @@ def check_forces(model: Model) -> None:
         )
 
 
-def geometric_stiffness(small: SmallLoads, stepper: LoadStepper) -> csr_matrix:
-    """dK/dlambda (unknowns, unknowns) by forces alone: displacements stay those of the state."""
-    model, motions = stepper.model, stepper.motions
-    K = _beam_part(small, model) + _line_part(small, model)
-    motions.stiffness(small.state)  # the couplings are then those of this state
-    T = motions.coupling()
-    return (T.T @ K @ T + _joint_part(small, model, T)).tocsr()
+def geometric_stiffness(small: SmallLoads, model: Model, K: ConstrainedMatrix) -> ConstrainedMatrix:
+    """dK/dlambda by forces alone, of the kind of the stiffness K of the last state."""
+    parts = _beam_part(small, model) + _line_part(small, model) + _joint_part(small, model)
+    return K.weighted(parts, model.reduction)
 
 
 def _assembled(dofs: np.ndarray, blocks: np.ndarray, size: int) -> csr_matrix:
@@ -523,35 +520,31 @@ def _line_part(small: SmallLoads, model: Model) -> csr_matrix:
     return _assembled(np.array(dofs), np.array(blocks), size + 1)[:size, :size]
 
 
-def _joint_part(small: SmallLoads, model: Model, T: csr_matrix) -> csr_matrix:
-    """Part (unknowns, unknowns) of forces f in joints: f.d2x of b at x = x_a + R (arm + s axis).
+def _joint_part(small: SmallLoads, model: Model) -> csr_matrix:
+    """Part (size, size) of forces f on b in joints: f.d2r, with b at x_a + r, r = R (arm + s axis).
 
     Forces change by the loads as they are seen from a, like N and Q of a stiff member.
     """
-    reduction, state, size = model.reduction, small.state, model.size
+    # With r_ across r: dr = r_ dpsi + R axis ds gives d2r = r dpsi^2 + 2 dr_ dpsi, whatever slides.
     arm_joints = joints_with_arms(model.couplings, model.scene)  # of the present scene
     joints = [joint for joint in arm_joints if joint.a is not GROUND]
-    dependence = reduction.maps.dependence_matrix()[:, reduction.independent]
-    # Rotations of a, then slides.
-    motions = scipy.sparse.vstack([T, dependence], "csr")
+    state, dofs, size = small.state, model.mesh.dofs, model.size
     forces = small.solution.recorded("joint_forces")[..., :2]
-    slopes, entries = small.slope(forces), []
-    for joint in joints:
+    slopes, columns, blocks = small.slope(forces), [], np.zeros((len(joints), 5, 5))
+    for joint, block in zip(joints, blocks, strict=True):
         turn, number = rotation_of(joint.a), joint.number
         (x, y), psi = forces[0, number], state.q[turn]
         f = slopes[number] - small.D[turn] * np.array([-y, x])
-        turned = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
-        arm, slide = turned @ joint.offset, size + model.couplings.slides.get(number, 0)
+        arm = joint.offset
         if joint.axis is not None:
-            axis = turned @ joint.axis
-            arm = arm + state.slides[number] * axis
-            mixed = f @ (-axis[1], axis[0])
-            if number in model.couplings.slides:
-                entries += [(turn, slide, mixed), (slide, turn, mixed)]
-        entries.append((turn, turn, -f @ arm))
-    rows, columns, values = np.reshape(entries, (-1, 3)).T
-    places, shape = (rows.astype(int), columns.astype(int)), (motions.shape[0],) * 2
-    return motions.T @ csr_matrix((values, places), shape) @ motions
+            arm = arm + state.slides[number] * joint.axis
+        across = np.array([f[1], -f[0]])
+        turned = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
+        block[2] = block[:, 2] = [*-across, f @ turned @ arm, *across]
+        # The ground is behind all others, and left out at the end.
+        b = np.full(2, size) if joint.b is GROUND else dofs[joint.b.number, :2]
+        columns.append([*dofs[joint.a.number], *b])
+    return _assembled(np.reshape(columns, (-1, 5)).astype(int), blocks, size + 1)[:size, :size]
 
 
 # -- First-order statics: small displacements about the reference, as of a frame program --------

@@ -26,7 +26,7 @@ from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.functions import values_of, widths, with_values
 from fx_beam.scene.outputs import Measured
 from fx_beam.scene.scene import Scene
-from fx_beam.step.constrained_matrix import ConstrainedMatrix, Symmetry, UndampedModes
+from fx_beam.step.constrained_matrix import ConstrainedMatrix, UndampedModes
 from fx_beam.step.equations import Equations, have_mass
 from fx_beam.step.forcing import Forcing, TurningFrame, check_turns
 from fx_beam.step.model import Model
@@ -235,10 +235,7 @@ class Linearisation:
     @property
     def has_potential(self) -> bool:
         """Whether the stiffness is symmetric but for round-off."""
-        K, sliding = self.stiffness, bool(self.model.couplings.sliding)
-        return Symmetry.of(K.alone, self.unit, sliding) or (
-            not K.is_plain and Symmetry.of(self.K, self.unit[: K.free], sliding)
-        )
+        return self.stiffness.is_symmetric(self.unit, bool(self.model.couplings.sliding))
 
     @cached_property
     def undamped_modes(self) -> UndampedModes:

@@ -265,6 +265,12 @@ class ConstrainedMatrix:
         """T^T A T itself."""
         return schur_complement(self.system, np.arange(self.free))
 
+    def is_symmetric(self, unit: np.ndarray, sliding: bool = False) -> bool:
+        """Whether A is symmetric, or T^T A T; sizes `unit` (n,) and `sliding` as for `Symmetry`."""
+        return Symmetry.of(self.alone, unit, sliding) or (
+            not self.is_plain and Symmetry.of(self.matrix, unit[: self.free], sliding)
+        )
+
     def __add__(self, other: ConstrainedMatrix) -> ConstrainedMatrix:
         return replace(self, system=(self.system + other.system).tocsr())
 

@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from growth import tower
 from scenes import assert_refused, held_body, one_bar
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import fx_beam as fb
@@ -142,6 +144,16 @@ def test_rigid_links_with_springs_buckle_as_their_two_by_two_matrix_says():
     root = math.sqrt(5)
     loads = fb.buckling(scene).load_factors
     assert loads == pytest.approx([1.5 * (3 - root), 1.5 * (3 + root)], rel=1e-10)
+
+
+@pytest.mark.parametrize("n", [4, 64, 256])
+def test_a_tower_of_closed_loops_buckles_as_its_tridiagonal_matrix_says(n):
+    # The links of a storey turn alike, and rungs do not turn. A storey carries half of its own two
+    # links, its rung, and all above.
+    turns, above = np.eye(n) - np.eye(n, k=-1), n - 1 - np.arange(n)
+    K, weights = 2 * n**2 * (turns.T @ turns + np.eye(n)), 9.81 * (2 * (0.5 + above) + 1 + above)
+    expected = 1 / eigh(np.diag(weights), K, eigvals_only=True)[:-4:-1]
+    assert fb.buckling(tower(n)[0], n=3).load_factors == pytest.approx(expected, rel=1e-10)
 
 
 def portal(load):

@@ -14,6 +14,7 @@ from growth import (
     peak,
     sliders,
     springs,
+    tower,
     truss,
     warm,
 )
@@ -30,7 +31,7 @@ LARGEST = 1.1  # exponent p of cost ~ n^p
 FILES = "save", "to_paraview", "interactive", "table of outputs"
 COSTS = "10 steps", "static", "modes", "gradient, 1", "shapes", *FILES
 # Smaller sizes of kinds of which each thing has several parts.
-SMALL = dict.fromkeys(KINDS, 16) | {"ladder": 12, "sliders": 12}
+SMALL = dict.fromkeys(KINDS, 16) | {"ladder": 12, "tower": 12, "sliders": 12}
 
 
 def too_large(kind, count, costs, small):
@@ -44,6 +45,12 @@ def too_large(kind, count, costs, small):
 @pytest.mark.parametrize("kind", KINDS)
 def test_memory_grows_as_the_number_of_things(kind):
     assert not too_large(kind, peak, COSTS, SMALL[kind])
+
+
+def test_memory_of_buckling_grows_as_the_number_of_closed_loops():
+    fb.buckling(tower(4)[0], n=2)
+    small, large = (peak(lambda n=n: fb.buckling(tower(n)[0], n=2)) for n in (70, 280))
+    assert exponent(small, large, 4) < LARGEST
 
 
 @pytest.mark.parametrize("kind", ["lattice", "gears", "springs"])
