@@ -134,6 +134,22 @@ def test_tables_of_the_tangent_of_a_large_frame_are_found_once(monkeypatch):
     assert len(calls) == 1
 
 
+def test_equations_of_many_sliders_are_found_together(monkeypatch):
+    counts, find = [], reduction.JointMaps._dependence
+
+    def counted(*arguments):
+        results = []
+        counts.append(calls(lambda: results.append(find(*arguments))))
+        return results[0]
+
+    monkeypatch.setattr(reduction.JointMaps, "_dependence", counted)
+    last = []
+    for n in (64, 128):
+        fb.simulate(sliders(n)[0], dt=1e-3, t_end=1e-3)
+        last.append(counts[-1])
+    assert last[1] < 1.1 * last[0]
+
+
 def test_arms_are_found_where_products_of_their_numbers_are_too_large_for_32_bits():
     rows, values = np.array([[80_000, 80_999], [71_993, 71_994]], np.int32)
     entries = Entries(rows, np.zeros(2, np.int32), values, np.ones(2))
