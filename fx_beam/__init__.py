@@ -13,7 +13,7 @@ if importlib.util.find_spec("ffcx") is None:
         name="ffcx",
     )
 
-__version__ = "1.1.0"
+__version__ = "1.2.0"
 
 # The file of each name, by the stub for type checkers: it is loaded when the name is first used.
 _HOMES = {
