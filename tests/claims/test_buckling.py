@@ -146,14 +146,16 @@ def test_rigid_links_with_springs_buckle_as_their_two_by_two_matrix_says():
     assert loads == pytest.approx([1.5 * (3 - root), 1.5 * (3 + root)], rel=1e-10)
 
 
-@pytest.mark.parametrize("n", [4, 64, 256])
+@pytest.mark.parametrize("n", [4, 62, 64, 110, 256])
 def test_a_tower_of_closed_loops_buckles_as_its_tridiagonal_matrix_says(n):
     # The links of a storey turn alike, and rungs do not turn. A storey carries half of its own two
     # links, its rung, and all above.
     turns, above = np.eye(n) - np.eye(n, k=-1), n - 1 - np.arange(n)
     K, weights = 2 * n**2 * (turns.T @ turns + np.eye(n)), 9.81 * (2 * (0.5 + above) + 1 + above)
     expected = 1 / eigh(np.diag(weights), K, eigvals_only=True)[:-4:-1]
-    assert fb.buckling(tower(n)[0], n=3).load_factors == pytest.approx(expected, rel=1e-10)
+    # Round-off is 1e-13 with factors of the loops, 3e-10 with the reduced matrix, which is taken
+    # where a pivot of theirs is zero: with 62 and 110 storeys, on other processors with others.
+    assert fb.buckling(tower(n)[0], n=3).load_factors == pytest.approx(expected, rel=1e-8)
 
 
 def portal(load):
