@@ -467,6 +467,8 @@ class SmallMotions:
             lu = extended.factors((shifted.indptr, shifted.indices))
             if lu.factorise(shifted.data):
                 return Growing(0, extended.negative_eigenvalues(lu))
+        if not extended.is_plain:  # a pivot of loops may vanish, but none of the reduced tangent
+            return self.growing(state, extended.matrix, tolerance)
         raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
 
     def lowest(self, K: csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
