@@ -573,7 +573,7 @@ class PathFollowing:
             # From a bifurcation a shorter step would go along a branch.
             lost = lost or self._stepper.is_singular(states[-1], states[-2])
         if lost:
-            raise self._arc.error(self._states[-1], failure) from failure
+            raise self._arc.error(states[-1], failure) from failure
         self._cuts, self._stats.halvings = self._cuts + 1, self._stats.halvings + 1
         if self._corner is not None and not self._least_length:
             # From the corner on a step may be as long as the one that has failed.

@@ -367,10 +367,10 @@ def raise_load(stepper: LoadStepper, states: list[State]) -> None:
 
 
 def _stepped_over(stepper: LoadStepper, states: list[State], place: int, count: int) -> int | None:
-    """Place that a step over a bifurcation reaches, in the stead of the last states; or None.
+    """Place that a step over a bifurcation reaches, in place of the last states; or None.
 
-    The nearer to it a step starts and ends, the larger is round-off. It is taken longer then, if
-    modes become unstable in it, or stable again: else it would lead to another path.
+    Near the bifurcation round-off is large: a step that fails is taken again, twice as long. A
+    longer one must change the number of unstable modes; else it may have reached another path.
     """
     first, reach = len(states) - 2, 1
     while first >= 0 and reach <= 2**stepper.options.max_cuts:
