@@ -697,6 +697,20 @@ class Reduction:
         """Unknowns (closures,) that close loops."""
         return self.joints.following
 
+    @property
+    def closing(self) -> np.ndarray:
+        """For each closure one of the unknowns (closures,) that close loops, which moves it far.
+
+        The product of the derivatives of all closures by their unknowns is the largest one.
+        """
+        followers = self.joints.configuration.following
+        derivatives = abs(self.maps.closure_derivatives()[:, followers])
+        derivatives.eliminate_zeros()
+        # Weights that are zero count as entries that are not there.
+        derivatives.data = 1 - np.log(derivatives.data / derivatives.data.max())
+        _, pairs = scipy.sparse.csgraph.min_weight_full_bipartite_matching(derivatives)
+        return self.following[pairs]
+
     def fault(self, arcs: Sequence[tuple[float, float]] | None = None) -> tuple[str, str] | None:
         """Kind and reason of a step in which a node leaves the beam on which it slides; or None.
 

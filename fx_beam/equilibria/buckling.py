@@ -175,14 +175,7 @@ def _lowest(small: SmallLoads, stepper: LoadStepper, n: int) -> tuple[np.ndarray
     if size <= _FULL or n > size // 3:
         inverse, vectors = scipy.linalg.eigh(-Kg.matrix.toarray(), K.matrix.toarray())
     else:
-        try:
-            inverse, vectors = _largest(Kg.without_equations, K, n)
-        except SceneError:
-            if K.is_plain:
-                raise
-            # A pivot of loops may vanish, but none of the reduced matrix.
-            K, Kg = (ConstrainedMatrix.plain(A.matrix) for A in (K, Kg))
-            inverse, vectors = _largest(Kg, K, n)
+        inverse, vectors = _largest(Kg.without_equations, K, n)
     order = np.argsort(-inverse)[:n]
     least = max(abs(inverse).max(initial=0.0) / _NONE, small.size() / _MOST)
     order = order[inverse[order] > least]

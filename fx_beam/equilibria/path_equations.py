@@ -64,15 +64,12 @@ class BorderedLU:
 
     def factorise(
         self, values: np.ndarray, column: np.ndarray, row: np.ndarray, corner: float
-    ) -> bool:
-        """Factorise a matrix bordered by a column and a row (free,), and their corner.
-
-        Returns whether no pivot is zero.
-        """
+    ) -> None:
+        """Factorise a matrix bordered by a column and a row (free,), and their corner."""
         self._corner, self._regular = corner, True
         if not self._free:
             self.sign = float(np.sign(corner))
-            return True
+            return
         self._matrix.data = values
         diagonal, n = values[self._diagonal], self._matrix.shape[0]
         self._most = most = int(np.argmax(abs(row * self._unit)))
@@ -86,7 +83,7 @@ class BorderedLU:
         self._regular = self._lu.factorise(changed)
         if not self._regular:
             self.sign = 0.0
-            return False
+            return
         self._column, self._row, change = np.zeros((3, n))
         self._column[: self._free], self._row[: self._free] = column, row
         change[most] = -added * unit
@@ -95,7 +92,6 @@ class BorderedLU:
         self._small = np.diag([corner, -1.0]) - rows
         negative = self._lu.negative_pivots() % 2
         self.sign = float(np.sign(np.linalg.det(self._small))) * (1 if negative else -1)
-        return True
 
     def negative_eigenvalues(self) -> int | None:
         """Number of negative eigenvalues of the last K; None if it is singular.
@@ -279,13 +275,7 @@ class PathEquations:
         if not np.isfinite(values).all():  # against an infinite stiffness nothing moves
             nowhere = np.full(self.model.size, np.nan)
             raise StepFailed("singular", "a stiffness is not finite", nowhere)
-        border = column[independent], row[independent], corner
-        if not self.bordered.factorise(values, *border) and couplings.closures:
-            # A pivot of loops may vanish, but none of the reduced tangent.
-            A = _with_diagonal(equations.tangent(), len(independent))
-            A.sort_indices()
-            self.bordered = self._bordered((A.indptr, A.indices), None)
-            self.bordered.factorise(A.data, *border)
+        self.bordered.factorise(values, column[independent], row[independent], corner)
         dy, dload = self.bordered.solve(np.append(residual[independent], last))
         w = np.zeros(reduction.columns)
         w[independent], w[moved] = dy, dload * goal
@@ -467,8 +457,6 @@ class SmallMotions:
             lu = extended.factors((shifted.indptr, shifted.indices))
             if lu.factorise(shifted.data):
                 return Growing(0, extended.negative_eigenvalues(lu))
-        if not extended.is_plain:  # a pivot of loops may vanish, but none of the reduced tangent
-            return self.growing(state, extended.matrix, tolerance)
         raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
 
     def lowest(self, K: csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -49,11 +49,7 @@ def test_memory_grows_as_the_number_of_things(kind):
 
 def test_memory_of_buckling_grows_as_the_number_of_closed_loops():
     fb.buckling(tower(4)[0], n=2)
-    # In one size of eight a pivot of the loops is zero, and the reduced matrix is taken.
-    small, large = (
-        min(peak(lambda n=n: fb.buckling(tower(n)[0], n=2)) for n in sizes)
-        for sizes in ((70, 71, 73), (280, 281, 283))
-    )
+    small, large = (peak(lambda n=n: fb.buckling(tower(n)[0], n=2)) for n in (70, 280))
     assert exponent(small, large, 4) < LARGEST
 
 
