@@ -192,8 +192,10 @@ class SmallLoads:
         self.recorder = Recorder(stepper.model, np.zeros(1), Record())
         stepper.loop.record(state, self.recorder)
         self._factors, self._weights = [state.t], np.zeros(1)
-        # Slopes (cells, nodes, 3) of the forces of elements, if section forces were corrected.
-        self._forces: np.ndarray | None = None
+        # If section forces were corrected, slopes of N, Q and M (cells, points, 3), and of the forces
+        # of elements (cells, nodes, 3).
+        self._resultants: np.ndarray | None = None
+        self._forces = np.empty(0)
         #: Error of the balance of all forces, relative to the loads.
         self.error = self._record_corrected()
         rest = Rest(stepper.loop.forcing.time, np.array(self._factors))
@@ -285,18 +287,28 @@ class SmallLoads:
         assert beams is not None
         batch, mesh = RowSteps(self.recorder).batch(), model.mesh
         resultants = beams.resultants(batch)
-        self._forces = Axes.of(mesh, self.state.q).forces(self.slope(resultants))
+        self._resultants = self.slope(resultants)
+        self._forces = Axes.of(mesh, self.state.q).forces(self._resultants)
         if resultants[0].any():  # they turn with the elements
             axes = Axes.of(mesh, self.recorder.arrays["q"][: self.recorder.rows])
             self._forces += self.slope(axes.forces(resultants[:1]))
         return np.bincount(mesh.dofs[mesh.elements].ravel(), self._forces.ravel(), model.size)
+
+    def slopes_at_points(self, beam: str) -> np.ndarray:
+        """Slopes of N, Q and M (3, points) at the Gauss points of a beam."""
+        if self._resultants is None:
+            resultants = self.solution.resultants_of_beam(beam)
+            return np.array([self.slope(getattr(resultants, name)) for name in "NQM"])
+        # No second evaluation: that of compiled code may round otherwise.
+        scene, mesh = self._stepper.model.scene, self._stepper.model.mesh
+        return self._resultants[mesh.cells[scene.beams.number_of(beam)]].reshape(-1, 3).T
 
     def slopes_at_ends(self, beam: str, ends: np.ndarray) -> np.ndarray | None:
         """Slopes of N, Q and M (elements, 2, 3) at ends of elements, `ends` in the state.
 
         None if they need no corrections.
         """
-        if self._forces is None:
+        if self._resultants is None:
             return None
         model, t = self._stepper.model, np.array([self._stepper.loop.forcing.time])
         mesh, loads = model.mesh, ElementLoads(model, model.data.loaded_beams, model.mesh.X)
@@ -476,7 +488,8 @@ def _beam_part(small: SmallLoads, model: Model) -> csr_matrix:
         return csr_matrix((size, size))
     weights, values, slopes, dphi, t, n = Axes.of(mesh, small.state.q)
     nodes, count = mesh.elements, mesh.elements.shape[1]
-    N, Q = (_slopes_of(small, model, name)[..., None] for name in "NQ")
+    forces = [small.slopes_at_points(beam.name)[:2] for beam in model.scene.beams]
+    N, Q = np.concatenate(forces, axis=1).reshape(2, len(mesh.elements), -1, 1)
     turned = -((N * t + Q * n) * dphi).sum(axis=-1)
     # du' is a slope by J, and the integral has the weight J.
     mixed = np.einsum("g,ga,egi,gb->eaib", weights, slopes, N * n - Q * t, values)
@@ -486,15 +499,6 @@ def _beam_part(small: SmallLoads, model: Model) -> csr_matrix:
     blocks[:, :, 2, :, 2] = np.einsum("g,eg,ga,gb->eab", weights, turned, values, values)
     width = 3 * count
     return _assembled(mesh.dofs[nodes].reshape(-1, width), blocks.reshape(-1, width, width), size)
-
-
-def _slopes_of(small: SmallLoads, model: Model, name: str) -> np.ndarray:
-    """Resultants (cells, points) by the load factor."""
-    parts = []
-    for beam in model.scene.beams:
-        rows = getattr(small.solution.resultants(beam), name)
-        parts.append(small.slope(rows).reshape(beam.elements, -1))
-    return np.concatenate(parts)
 
 
 def _line_part(small: SmallLoads, model: Model) -> csr_matrix:
@@ -588,7 +592,8 @@ def first_order(
 
     def resultants_of_beam(name: str) -> BeamResultants:
         beam = close.resultants_of_beam(name)
-        N, Q, M = map(small.at_ends, (beam.N, beam.Q, beam.M))
+        starts, slopes = (beam.N[0], beam.Q[0], beam.M[0]), small.slopes_at_points(name)
+        N, Q, M = (np.array([x, x + dx]) for x, dx in zip(starts, slopes, strict=True))
         return BeamResultants(beam.s, N, Q, M, lambda: balance_of(name, beam))
 
     def balance_of(name: str, beam: BeamResultants) -> BeamBalance:

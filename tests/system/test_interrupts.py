@@ -50,7 +50,7 @@ def agree(motion, twin):
     [
         (True, 61, False, fb.EnergyMomentum()),
         (False, 17, False, fb.EnergyMomentum(order=4)),
-        (False, 37, True, fb.EnergyMomentum()),
+        (False, 29, True, fb.EnergyMomentum()),
     ],
     ids=["compiled", "sub-steps", "parts"],
 )
