@@ -31,7 +31,7 @@ LARGEST = 1.1  # exponent p of cost ~ n^p
 FILES = "save", "to_paraview", "interactive", "table of outputs"
 COSTS = "10 steps", "static", "modes", "gradient, 1", "shapes", *FILES
 # Smaller sizes of kinds of which each thing has several parts.
-SMALL = dict.fromkeys(KINDS, 16) | {"ladder": 12, "tower": 12, "sliders": 12}
+SMALL = dict.fromkeys(KINDS, 16) | {"tower": 12, "sliders": 12}
 
 
 def too_large(kind, count, costs, small):
@@ -42,15 +42,15 @@ def too_large(kind, count, costs, small):
     return {name: power for name, power in powers.items() if power >= LARGEST}
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"ladder"}))  # a tower without springs
 def test_memory_grows_as_the_number_of_things(kind):
     assert not too_large(kind, peak, COSTS, SMALL[kind])
 
 
 def test_memory_of_buckling_grows_as_the_number_of_closed_loops():
     fb.buckling(tower(4)[0], n=2)
-    small, large = (peak(lambda n=n: fb.buckling(tower(n)[0], n=2)) for n in (70, 280))
-    assert exponent(small, large, 4) < LARGEST
+    small, large = (peak(lambda n=n: fb.buckling(tower(n)[0], n=2)) for n in (64, 192))
+    assert exponent(small, large, 3) < LARGEST
 
 
 @pytest.mark.parametrize("kind", ["lattice", "gears", "springs"])
