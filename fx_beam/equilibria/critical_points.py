@@ -984,5 +984,7 @@ class PathStability:
         omega = np.sign(square) * np.sqrt(abs(square))
         rate, ratio = (-omega, np.nan) if square < 0 else (1j * omega, 0.0)
         values = (np.full(vectors.shape[1], value) for value in (omega, False, ratio, rate))
-        modes = modes_of(self._stepper.model, state.q, motions.coupling() @ vectors, *values)
+        model = self._stepper.model
+        shapes = np.column_stack([model.reduction.maps.motion(vector) for vector in vectors.T])
+        modes = modes_of(model, state.q, shapes, *values)
         return CriticalPoint(kind, state.t, row, modes, self._solved(state))
