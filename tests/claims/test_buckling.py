@@ -156,6 +156,15 @@ def test_a_tower_of_closed_loops_buckles_as_its_tridiagonal_matrix_says(n):
     assert fb.buckling(tower(n)[0], n=3).load_factors == pytest.approx(expected, rel=1e-10)
 
 
+def test_a_tower_of_closed_loops_yields_as_its_tridiagonal_matrix_says():
+    n = 256
+    scene, centre = tower(n)  # of the last link, which moves by half of its turn
+    turns, lever = np.eye(n) - np.eye(n, k=-1), np.append(np.ones(n - 1), 0.5)
+    sway = lever @ np.linalg.solve(2 * n**2 * (turns.T @ turns + np.eye(n)), lever)
+    response = fb.frequency_response(scene, (centre, (1.0, 0.0, 0.0)), centre, [0.0])
+    assert response.values[0, 0] == pytest.approx(sway, rel=1e-12)
+
+
 def portal(load):
     scene, section = fb.Scene(), fb.Section(EA=1e7, GA=1e7, EI=10.0, rhoA=1.0)
     left, right = (scene.add_beam([(x, 0), (x, 3)], section, elements=4, degree=3) for x in (0, 4))
