@@ -707,8 +707,11 @@ class Reduction:
         derivatives = abs(self.maps.closure_derivatives()[:, followers])
         derivatives.eliminate_zeros()
         # Weights that are zero count as entries that are not there.
-        derivatives.data = 1 - np.log(derivatives.data / derivatives.data.max())
-        _, pairs = scipy.sparse.csgraph.min_weight_full_bipartite_matching(derivatives)
+        derivatives.data = 1 - np.log(derivatives.data / derivatives.data.max(initial=0.0))
+        try:
+            _, pairs = scipy.sparse.csgraph.min_weight_full_bipartite_matching(derivatives)
+        except ValueError:  # no unknowns close all loops in a singular position
+            return self.following
         return self.following[pairs]
 
     def fault(self, arcs: Sequence[tuple[float, float]] | None = None) -> tuple[str, str] | None:
