@@ -87,18 +87,42 @@ def tower(n):
     return ladder(n, fb.Spring(float(n**2)), gravity=9.81)
 
 
-def lattice(n, joints="rigid"):
-    """A square of about n struts, which are rigidly joined."""
+def square(n):
+    """Points, and pairs of their numbers, of a square of about n struts; and two corners."""
     side = max(2, round(math.sqrt(n / 2)))
     number = np.arange((side + 1) ** 2).reshape(side + 1, side + 1)
     points = np.stack(np.meshgrid(np.arange(side + 1.0), np.arange(side + 1.0)), -1).reshape(-1, 2)
     pairs = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
-    cells = np.concatenate([np.stack([a.ravel(), b.ravel()], 1) for a, b in pairs])
+    return points, np.concatenate([np.stack([a.ravel(), b.ravel()], 1) for a, b in pairs]), (0, side)
+
+
+def lattice(n, joints="rigid"):
+    """A square of about n struts, which are rigidly joined."""
+    points, cells, corners = square(n)
     scene = fb.Scene(gravity=(0, -9.81))
     struts = scene.add_mesh(points, cells, SECTION, joints=joints)
-    for corner in (0, side):
+    for corner in corners:
         scene.clamp(struts.nodes[corner])
     return scene, struts.nodes[-1]
+
+
+def bars(n):
+    """A square of about n rigid bars on hinges with springs: closed loops on all sides."""
+    points, cells, corners = square(n)
+    scene, nodes = fb.Scene(gravity=(0, -9.81)), [[] for _ in points]
+    for k in corners:
+        nodes[k].append(fb.GROUND)
+    # Crooked: bars in one line are a singular position.
+    points = points + 0.05 * np.sin(np.outer(np.arange(len(points)), (1.3, 2.1)))
+    for a, b in cells:
+        ends = {"a": points[a], "b": points[b]}
+        bar = scene.add_body((points[a] + points[b]) / 2, 1.0, 0.1, points=ends)
+        nodes[a].append(bar["a"])
+        nodes[b].append(bar["b"])
+    for first, *others in nodes:
+        for other in others:
+            scene.add_joint(fb.Revolute(first, other, spring=fb.Spring(1e4)))
+    return scene, bar.centre
 
 
 def truss(n):
@@ -185,10 +209,11 @@ def springs(n):
     return scene, last
 
 
-KINDS = {f.__name__: f for f in (elements, chain, ladder, tower, lattice, truss)}
+KINDS = {f.__name__: f for f in (elements, chain, ladder, tower, bars, lattice, truss)}
 KINDS |= {f.__name__: f for f in (sliders, contacts, members, motors, gears, springs)}
 SIZES = {name: (64, 256, 1024, 4096) for name in KINDS}
 SIZES |= {"sliders": (32, 128, 512, 2048), "elements": (256, 1024, 4096, 16384)}
+SIZES |= {"bars": (32, 128, 512, 2048)}
 QUICK = {name: (32, 128, 512) for name in KINDS} | {"sliders": (8, 32, 128)}
 
 

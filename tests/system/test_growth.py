@@ -42,7 +42,8 @@ def too_large(kind, count, costs, small):
     return {name: power for name, power in powers.items() if power >= LARGEST}
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"ladder"}))  # a tower without springs
+# A ladder is a tower without springs. Loops on all sides take more memory (docs/limits.md).
+@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"ladder", "bars"}))
 def test_memory_grows_as_the_number_of_things(kind):
     assert not too_large(kind, peak, COSTS, SMALL[kind])
 
