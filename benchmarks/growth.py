@@ -93,7 +93,8 @@ def square(n):
     number = np.arange((side + 1) ** 2).reshape(side + 1, side + 1)
     points = np.stack(np.meshgrid(np.arange(side + 1.0), np.arange(side + 1.0)), -1).reshape(-1, 2)
     pairs = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
-    return points, np.concatenate([np.stack([a.ravel(), b.ravel()], 1) for a, b in pairs]), (0, side)
+    cells = np.concatenate([np.stack([a.ravel(), b.ravel()], 1) for a, b in pairs])
+    return points, cells, (0, side)
 
 
 def lattice(n, joints="rigid"):

@@ -346,8 +346,9 @@ _EXACT = 1e-12
 _ROUNDING = 1e-10
 # An eigenvalue far above the largest, which is of order 1.
 _FAR = 1e6
-# Number of vectors after which the errors of eigenvectors are looked at again.
-_MORE = 10
+# Number of vectors after which the errors of eigenvectors are looked at again: of more unknowns than
+# the second number after each, as a vector takes longer than the look.
+_MORE, _LARGE = 10, 30_000
 
 
 class Pencil:
@@ -372,10 +373,14 @@ class Pencil:
         self._values = [np.append(A.data, 0.0)[k] for A, k in pairs]
         self._rows, self._columns = K.places.rows, K.places.columns
         self._extended, self._lu = K, K.factors((numbered.indptr, numbered.indices))
+        # The x of the last factors, and whether no pivot is zero.
+        self._last = np.nan, False
 
     def _factorise(self, x: float) -> bool:
-        K, M = self._values
-        return self._lu.factorise(K - x * M)
+        if self._last[0] != x:
+            K, M = self._values
+            self._last = x, self._lu.factorise(K - x * M)
+        return self._last[1]
 
     def below(self, x: float) -> int:
         """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.
@@ -407,6 +412,7 @@ class Pencil:
         if not self._factorise(shift):
             raise _failure()
         size, first = deflated.shape
+        more = _MORE if size <= _LARGE else 1
         basis = np.concatenate([self._bounded(deflated).T, np.empty((2 * n + 20, size))])
         # Other starts each time: those before have no part in a copy that was missed.
         starts = np.random.default_rng(first)
@@ -418,7 +424,7 @@ class Pencil:
             if not np.isfinite(left) or m > size:
                 raise _failure()
             complete = left <= _ROUNDING * whole
-            if complete or not (new or (m - first) % _MORE):
+            if complete or not (new or (m - first) % more):
                 # Eigenvalues and vectors of a tridiagonal matrix, from its lower half.
                 values, parts = np.linalg.eigh(np.diag(diagonal) + np.diag(off_diagonal[1:], -1))
                 lowest = np.argsort(-abs(values))[:n]
@@ -477,10 +483,12 @@ class Pencil:
 
     def ritz_vectors(self, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rayleigh quotients in the span of vectors, their rounding errors, vectors of mass 1."""
-        stiffness, mass = (vectors.T @ (matrix @ vectors) for matrix in (self.K, self.M))
-        vectors = vectors @ scipy.linalg.eigh(stiffness, mass)[1]
-        vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, self.M @ vectors))
-        values = np.einsum("ij,ij->j", vectors, self.K @ vectors)
+        K, M = self.K @ vectors, self.M @ vectors
+        combined = scipy.linalg.eigh(vectors.T @ K, vectors.T @ M)[1]
+        vectors, K, M = vectors @ combined, K @ combined, M @ combined
+        masses = np.einsum("ij,ij->j", vectors, M)
+        values = np.einsum("ij,ij->j", vectors, K) / masses
+        vectors /= np.sqrt(masses)
         sizes = np.einsum("ij,ij->j", abs(vectors), abs(self.K) @ abs(vectors))
         # Of the sum, and of the vectors: the latter counts where nothing else has stiffness.
         eps = np.finfo(float).eps
@@ -634,11 +642,11 @@ def _levels(count: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
     """Slice bounds of both signs and these sizes, above the rounding error."""
     if count(sizes[-1]) < 1:
         raise SceneError("modes: a part moves freely and has no mass. Give it mass or a support")
-    if count(-sizes[-1]) != 0:
+    # The rounding error of a rigid mode of a stiff part may be large compared with a soft part.
+    least = next((k for k, x in enumerate(sizes) if min(count(x), count(-x)) >= 0), -1)
+    if count(-sizes[least]) != 0 and count(-sizes[-1]) != 0:
         raise SceneError(
             "modes: the state is unstable in a motion without mass, so its growth rate is infinite."
             " Give this part mass, or use a state with less load"
         )
-    # The rounding error of a rigid mode of a stiff part may be large compared with a soft part.
-    least = next(k for k, x in enumerate(sizes) if min(count(x), count(-x)) >= 0)
     return np.concatenate([-sizes[least:][::-1], sizes[least:]])
