@@ -192,8 +192,8 @@ class SmallLoads:
         self.recorder = Recorder(stepper.model, np.zeros(1), Record())
         stepper.loop.record(state, self.recorder)
         self._factors, self._weights = [state.t], np.zeros(1)
-        # If section forces were corrected, slopes of N, Q and M (cells, points, 3), and of the forces
-        # of elements (cells, nodes, 3).
+        # If section forces were corrected, slopes of N, Q and M (cells, points, 3), and of the
+        # forces of elements (cells, nodes, 3).
         self._resultants: np.ndarray | None = None
         self._forces = np.empty(0)
         #: Error of the balance of all forces, relative to the loads.

@@ -346,9 +346,12 @@ _EXACT = 1e-12
 _ROUNDING = 1e-10
 # An eigenvalue far above the largest, which is of order 1.
 _FAR = 1e6
-# Number of vectors after which the errors of eigenvectors are looked at again: of more unknowns than
-# the second number after each, as a vector takes longer than the look.
+# Number of vectors after which the errors of eigenvectors are looked at again; with more unknowns
+# than the second number after each, as a vector takes longer than the look.
 _MORE, _LARGE = 10, 30_000
+# Number of vectors, besides four for each mode, after which a nearer shift is taken, and its least
+# distance from the lowest eigenvalue, relative to it.
+_PATIENCE, _NEAR = 80, 1e-9
 
 
 class Pencil:
@@ -403,11 +406,13 @@ class Pencil:
             x = np.array([self._solved(self.K @ vector) for vector in x]).reshape(size)
         self._massless = np.linalg.qr((self._massive * x).T)[0]
 
-    def nearest(self, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
+    def nearest(
+        self, n: int, shift: float, deflated: np.ndarray, most: float = np.inf
+    ) -> np.ndarray:
         """Eigenvectors (size, n or fewer) nearest to a shift, except the deflated ones.
 
         By Lanczos' method for the inverse of K - shift M, in the inner product of M, with vectors
-        that are all made orthogonal to one another.
+        that are all made orthogonal to one another. No vectors if it takes more than `most`.
         """
         if not self._factorise(shift):
             raise _failure()
@@ -435,6 +440,8 @@ class Pencil:
                     x, new = self._inverse(starts.standard_normal(size)), True
                     whole = self._length(x)
                     continue
+            if m - first >= most:
+                return np.empty((size, 0))
             if m == len(basis):
                 basis = np.concatenate([basis, np.empty((n + 20, size))])
             off_diagonal.append(0.0 if new else left)
@@ -599,7 +606,7 @@ class UndampedModes:
         n = min(n, finite)
         pencil.set_finite(finite)
         least = levels[levels > 0][0]
-        if count(least) == 0 and (all_of_them := self._at_once(n, least)) is not None:
+        if count(least) == 0 and (all_of_them := self._at_once(n, levels, count)) is not None:
             return all_of_them
         last = levels[bisect.bisect_left(levels, n, key=count)]
         values, rounding, vectors = np.empty(0), np.empty(0), np.empty((len(self._scale), 0))
@@ -627,9 +634,16 @@ class UndampedModes:
         order = np.argsort(values)[:n]
         return values[order], rounding[order], vectors[:, order]
 
-    def _at_once(self, n: int, least: float):
+    def _at_once(self, n: int, levels: np.ndarray, count: Callable[[float], int]):
         """Results of `_in_slices` if all eigenvalues lie within four decades; otherwise None."""
-        new = self._pencil.nearest(n, -least, np.empty((len(self._scale), 0)))
+        none, least = np.empty((len(self._scale), 0)), levels[levels > 0][0]
+        new = self._pencil.nearest(n, -least, none, _PATIENCE + 4 * n)
+        if not new.size:  # many are near to each other, compared with their distance from zero
+            low, high = levels[(k := bisect.bisect_left(levels, 1, key=count)) - 1 : k + 1]
+            while high - low > _NEAR * high and count(high) > 2 * n:
+                middle = (low + high) / 2
+                low, high = (middle, high) if count(middle) == 0 else (low, middle)
+            new = self._pencil.nearest(n, low, none)
         squares, errors, new = self._pencil.ritz_vectors(new)
         if len(squares) < n or (squares <= errors).any() or squares[-1] > 1e4 * squares[0]:
             return None

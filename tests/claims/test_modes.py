@@ -516,3 +516,20 @@ def test_a_ground_without_direction_and_modes_without_mass_are_refused():
     scene = storeys()
     scene.add_spring(scene.nodes[0], x=fb.Damper(3.0))
     assert_refused("undamped ones", fb.modes(scene, n=1).participation, (1, 0))
+
+
+@pytest.mark.parametrize("n", [1, 4, 10])
+def test_frequencies_that_are_all_near_each_other_are_those_of_a_chain(n):
+    # Of x alone: equal bodies on springs to the ground, and between neighbours.
+    count, ground, between, mass = 4000, 1e3, 10.0, 2.0
+    scene, last = fb.Scene(), None
+    for k in range(count):
+        body = scene.add_body((float(k), 0.0), mass, 0.1).centre
+        scene.fix(body, "y", "rotation")
+        scene.add_spring(body, x=fb.Spring(ground))
+        if last is not None:
+            scene.add_force_between(last, body, spring=fb.Spring(between, rest=1.0))
+        last = body
+    waves = 4 * between * np.sin(np.pi * np.arange(n) / (2 * count)) ** 2
+    expected = np.sqrt((ground + waves) / mass)
+    assert fb.modes(scene, n=n).angular_frequencies == pytest.approx(expected, rel=1e-12)
