@@ -133,6 +133,8 @@ def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
     n = graph.shape[0]
     order = np.empty(n, dtype=np.int32)
     order[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(n)
+    if n and order[0] > order[-1]:
+        order = n - 1 - order  # upwards, as the unknowns
     i, j = order[rows], order[columns]
     band = max(1, int(abs(i - j).max(initial=0)))
     if band < 2 * GROUP and (chained := _chained(graph, order, rows, columns)) is not None:

@@ -161,6 +161,7 @@ class TangentStorage:
             "chain": factors.chain,
             "positions": 3 * factors.chain or len(order),
             "unknowns": len(factors.order),
+            "in_order": bool(factors.band and (np.diff(factors.order) == 1).all()),
             "paddings": len(padding),
             "padding": padding,
         }

@@ -82,7 +82,7 @@ INLINED int eliminate_chain(const System *system, Work *w, int middle, int keep)
   }
   /* Both have the diagonal rows of the group in the middle, with one side's contribution each. */
   diagonal_rows(w, middle, diagonal);
-  for (int i = 0; i < 3; ++i) diagonal[i] = down[i] + (up[i] - diagonal[i]);
+  for (int i = 0; i < 3; ++i) diagonal[i] = up[i] + (down[i] - diagonal[i]);
   if (keep) store_inverse(w->tangent + middle * GROUP, diagonal);
   w->newton.finite = finite + 0 * eliminate_group(diagonal, none, u);
   for (int i = 0; i < 3; ++i) w->y[3 * middle + i] = u[i][3];

@@ -197,8 +197,9 @@ HOT int solve_bordered(const Tables *p, const PointForces *points, Work *w, int 
   int inside = HAS(SLIDERS) && p->border.inside, bordered = HAS(SLIDERS) && p->border.rows && !inside;
   const int *reached = bordered ? w->reached : 0;
   memset(w->y, 0, p->system.positions * sizeof(double)); /* also between groups of unknowns: an earlier one may not be finite */
+  if (p->system.in_order) memcpy(w->y + w->factors.order[0], b, p->free * sizeof(double));
 #pragma GCC unroll 4
-  for (int i = 0; i < p->free; ++i) w->y[w->factors.order[i]] = b[i];
+  for (int i = 0; !p->system.in_order && i < p->free; ++i) w->y[w->factors.order[i]] = b[i];
   if (factors == NARROW) {
     substitute_narrow(w->factors.rows, &w->narrow, w->y);
     gather(p->free, w->y, w->factors.order, x);
@@ -216,7 +217,8 @@ HOT int solve_bordered(const Tables *p, const PointForces *points, Work *w, int 
     substitute_back(p, w, reached, 0);
   }
   if (bordered || inside) pass_on(p, &w->factors, 1, 1, w->y, w->bordering_right);
-  gather(p->free, w->y, w->factors.order, x);
+  if (p->system.in_order) memcpy(x, w->y + w->factors.order[0], p->free * sizeof(double));
+  else gather(p->free, w->y, w->factors.order, x);
   return 1;
 }
 

@@ -112,9 +112,10 @@ typedef struct { int count, path_numbers; } Sliders;
 /* The reduced tangent, in an order with little fill-in: as a chain, as a band, or in sparse rows. Unknowns, with two of each
    auxiliary one, itself and its force, and forces that close loops; half bandwidth, 0 for sparse rows; groups of three unknowns in
    a row (chain.h), 0 if they are more entangled; positions, more than unknowns where groups of a chain have fewer than three;
-   entries that are 1: diagonals of these and of auxiliary unknowns, and another one. */
+   entries that are 1: diagonals of these and of auxiliary unknowns, and another one; whether positions in a chain or a band follow
+   each other as the unknowns. */
 typedef struct {
-  int unknowns, band, chain, positions, paddings; const int *padding;
+  int unknowns, band, chain, positions, in_order, paddings; const int *padding;
   /* The tangent beside sparse rows of factors, in compressed rows of the unknowns. */
   const int *tangent_start, *tangent_column;
   /* Of each column of the scene the row of the forces on it, and its unknown: -1 for none, or a bordering row. */
