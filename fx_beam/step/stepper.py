@@ -74,19 +74,19 @@ def count_inverted(model: Model, stats: Stats, number: int, t: float, q: np.ndar
 def least_energy(model: Model) -> float:
     """Lower bound of the strain energy of a Gauss point whose axial strain is -1 [J].
 
-    It is EA/2 times the length of the Gauss point, here a smaller one; 0 for stored energies that
-    are not quadratic.
+    It is EA/2 times the length of the Gauss point, here half of that; less with natural strains,
+    from which strains count; 0 for stored energies that are not quadratic.
     """
     least: float = np.inf
     for beam, length in zip(model.scene.beams, model.mesh.shortest, strict=True):
-        section = beam.section
+        section, (gauss, weights) = beam.section, gauss_rule(beam.degree)
         if section.strain_energy is not None:
             return 0.0
         EA = section.EA
         if callable(EA):
-            gauss, _ = gauss_rule(beam.degree)
             EA = floats(section.values("EA", arc_lengths(beam, gauss) / beam.length)).min()
-        least = min(least, float(EA) * length / 50)
+        share = 0.02 if model.data.natural else min(weights) / 4
+        least = min(least, float(EA) * length * share)
     return least
 
 
