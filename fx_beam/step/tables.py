@@ -26,7 +26,7 @@ from .block import Block, BlockPlan, address_of, aligned_zeros
 from .build import begin_to_build, load_batches, load_library
 from .model import Model, fact, keeps_previous, led_dofs, little_mass, massless_dofs, sizes_of
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE
-from .sparse_lu import ROW
+from .sparse_lu import GROUP, ROW
 from .state_vector import StateVector
 from .step_control import LARGE_TURN
 from .tangent_storage import ProblemKind, TangentStorage
@@ -353,6 +353,8 @@ class FormTables:
             integral = {"batch": batch, "cells": len(rows)} | tables
             self._structs.set(own, of=[integral], coordinates=coordinates)
             self._data.append(CellData(still, rows, self._lanes, self._ffi, own))
+        if cells and name == "tangent" and p.system.chain and not self._all_forms.nodal_rules:
+            self._leave_masses(numbers_of_cells, cells)
         if "load_factor" in known and not at_rest:
             self._factors.append(constants[known["load_factor"] :][:1])
         form_tables = {
@@ -382,7 +384,7 @@ class FormTables:
         data: dict[str, object] = {
             n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"
         }
-        nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
+        nodes = self._first_dofs(cells)
         data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._tables.dofs)}
         data["in_row"] = first_in_row(nodes, self._lanes)
         if self._piece:
@@ -396,6 +398,42 @@ class FormTables:
             data["stored_at"] = self._blocks(stored_at, first_free)
         self._shared[key] = data, coordinates
         return data, coordinates
+
+    def _first_dofs(self, cells: np.ndarray) -> np.ndarray:
+        """First degree of freedom of each node of cells."""
+        dofs = self.rows["dofs"]
+        return dofs[cells, 2 * dofs.shape[1] // 3 :] - 2
+
+    def _leave_masses(self, integrals: Any, cells: list[np.ndarray]) -> None:
+        """Leave masses to the blocks of integrals that can set their rows of a chain."""
+        start, dof = self._storage.mass["start"], self._storage.mass["dof"]
+        elements = np.bincount(self._first_dofs(np.concatenate(cells)).ravel() // 3)
+        by_elements, lanes = np.zeros(len(dof), np.int32), np.arange(self._lanes + 1)
+        for integral, rows in zip(integrals, cells, strict=True):
+            tables: dict[str, Any] = self._tables_of(rows)[0]
+            first, run = tables["in_row"], tables["run"]
+            step = run[:, 3] - run[:, 0]
+            in_chain = (step == step[:, :1]) & (run < self._tables.tangent.stored).all(axis=1)
+            in_chain &= (abs(step) == GROUP * ROW) & (first[:, None] >= 0)
+            blocks = np.flatnonzero(in_chain.all(axis=1) & bool(len(dof)))
+            # Only these elements have the second nodes, and the next block the last one.
+            node = first[blocks, None] // 3 + lanes
+            goes_on = np.append(first[1:], -1)[blocks] == 3 * node[:, -1]
+            if self._piece:
+                goes_on &= (blocks + 1) * self._lanes % self._piece != 0
+            alone = (elements[node[:, 1:-1]] == 2).all(axis=1)
+            alone &= elements[node[:, -1]] == 1 + goes_on
+            # Pairs of masses follow each other: of the first node, then two of each second one.
+            pairs = start[node[:, 1], None] - 1 + np.arange(3 * self._lanes)
+            expected = 3 * node[:, lanes[1:, None] - [0, 1, 0]].reshape(pairs.shape)
+            alone &= (dof.take(pairs, mode="clip") == expected).all(axis=1)
+            alone &= (start[node[:, 1:]] == pairs[:, 1::3]).all(axis=1)
+            mass_pair = np.full(len(first), -1, dtype=np.int32)
+            mass_pair[blocks[alone]] = pairs[alone, 0]
+            by_elements[pairs[alone]] = 1
+            self._structs.set(integral.of, mass_pair=mass_pair)
+        if by_elements.any():
+            self._structs.set(self._tables, mass={"by_elements": by_elements})
 
     def _blocks(self, rows: np.ndarray, first_free: int | None = None) -> np.ndarray:
         return in_lanes(rows, self._lanes, first_free)

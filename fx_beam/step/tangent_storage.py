@@ -196,7 +196,8 @@ class TangentStorage:
         #: Entries (pairs, 3) of the tangent that C has as masses and rotary inertias.
         self.mass_entries = np.ascontiguousarray(blocks.reshape(-1, 9)[:, ::4])
         stored_at = self.stored_at[self.mass_entries]
-        mass = {"start": starts, "dof": 3 * nodes, "stored_at": stored_at}
+        #: Pattern of the mass matrix, by its names in C.
+        self.mass = mass = {"start": starts, "dof": 3 * nodes, "stored_at": stored_at}
         # In most groups of a chain masses set all entries of two nodes in three rows.
         is_set = np.zeros(problem.c.tables.tangent.stored, bool)
         if chain := problem.c.tables.system.chain:

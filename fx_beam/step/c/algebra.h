@@ -47,9 +47,10 @@ static void begin_tangent(const Tables *p, double *K) {
 }
 
 /* Product of the mass matrix and x. With a tangent K, the matrix times `steep` and the slopes of its columns is stored there: in
-   a chain with zeros in the other entries of a pair of nodes, where these are in three rows of a group. */
+   a chain with zeros in the other entries of a pair of nodes, where these are in three rows of a group; unless elements are to set
+   those of the pair (`by_elements`). */
 INLINED void multiply_mass(const Tables *p, const Numbers *s, const double *restrict x, double *restrict out, double *K,
-                           double steep, const double *restrict slope) {
+                           double steep, const double *restrict slope, const int *by_elements) {
   const int *end = p->mass.start + 1, *dof = p->mass.dof, *at = p->mass.stored_at;
   const double *mass = s->mass;
   for (int i = 0; i < p->mesh.nodes; ++i, out += 3) {
@@ -57,7 +58,7 @@ INLINED void multiply_mass(const Tables *p, const Numbers *s, const double *rest
     for (const int *last = p->mass.dof + end[i]; dof < last; ++dof, mass += 3, at += 3) {
       Four pair_mass = load(mass);
       sum += pair_mass * load(x + *dof);
-      if (!K) continue;
+      if (!K || (HAS(CHAIN) && by_elements && by_elements[dof - p->mass.dof])) continue;
       pair_mass *= steep * load(slope + *dof);
       if (HAS(CHAIN) && p->system.chain && at[2] == at[0] + 2 * (ROW + 1)) {
         double *row = K + at[0];
@@ -69,7 +70,7 @@ INLINED void multiply_mass(const Tables *p, const Numbers *s, const double *rest
   }
 }
 
-HOT void times_mass(const Tables *p, const Numbers *s, const double *x, double *out) { multiply_mass(p, s, x, out, 0, 0, 0); }
+HOT void times_mass(const Tables *p, const Numbers *s, const double *x, double *out) { multiply_mass(p, s, x, out, 0, 0, 0, 0); }
 
 /* Product of a row of the full tangent, or with `sizes` of the sizes of its entries, and a vector. */
 static double row_times(const Tangent *tangent, const double *K, int row, int sizes, const double *x) {

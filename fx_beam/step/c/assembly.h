@@ -3,6 +3,7 @@
 #pragma once
 
 #include "chain.h"
+#include "rates.h"
 #include "threads.h"
 
 /* A number of each of LANES elements, stored at once: the functions of elements load them at once, and would
@@ -107,15 +108,19 @@ INLINED void add_forces(int nodes, const int *to, const double *tensors, double 
     }
 }
 
-/* The same of elements in a row, from those on the first node on: where two meet, both at once. */
+/* Entries of the second nodes of four elements in a row, from `half` on, and of the first nodes of the elements behind them in the
+   same block: where two elements meet, both at once. */
+INLINED Four where_two_meet(const double *second, const double *first, int half) {
+  return load(second + half) + PICK(load(first + half), half ? (Four){0} : load(first + 4), 1, 2, 3, 4);
+}
+
+/* Adds forces on nodes of elements in a row, from those on the first node on. */
 INLINED void add_row_forces(const double *tensors, double *out) {
   for (int c = 0; c < 3; ++c) out[c] += tensors[(c < 2 ? c : 4) * LANES];
   for (int half = 0; half < LANES; half += 4, out += 12) {
     Four sums[3], nodes[4];
-    for (int c = 0; c < 3; ++c) {
-      const double *first = tensors + (c < 2 ? c : 4) * LANES + half, *second = tensors + (c < 2 ? 2 + c : 5) * LANES + half;
-      sums[c] = load(second) + PICK(load(first), half ? (Four){0} : load(first + 4), 1, 2, 3, 4);
-    }
+    for (int c = 0; c < 3; ++c)
+      sums[c] = where_two_meet(tensors + (c < 2 ? 2 + c : 5) * LANES, tensors + (c < 2 ? c : 4) * LANES, half);
     transpose(sums[0], sums[1], sums[2], (Four){0}, nodes);
     *(Four *)(out + 3) += PICK(nodes[0], nodes[1], 0, 1, 2, 4), *(Four *)(out + 7) += PICK(nodes[1], nodes[2], 1, 2, 4, 5);
     *(Four *)(out + 11) += PICK(nodes[2], nodes[3], 2, 4, 5, 6);
@@ -141,6 +146,41 @@ INLINED void add_to_chain(int n, const Integral *integral, long block, const dou
     K[integral->single_to[k]] += tensors[integral->single_from[k]];
 }
 
+/* Sets three entries in a row of each of four groups, `step` apart, with masses in number c. */
+INLINED void set_rows(Four x, Four y, Four turn, int c, Four masses, long step, double *row) {
+  Four columns[] = {x, y, turn}, rows[4];
+  columns[c] += masses, transpose(columns[0], columns[1], columns[2], (Four){0}, rows);
+  for (int l = 0; l < 4; ++l) *(Four *)(row + l * step) = rows[l];
+}
+
+/* Sets the rows of a chain for a block of elements in a row, with masses times `steep` and slopes; what is the first node's own is
+   added. Groups follow each other upwards or downwards. */
+INLINED void set_in_chain(const Numbers *s, const Work *w, const Integral *integral, long block, double steep,
+                          const double *tensors, double *K) {
+  const int *run = integral->run + (block * 4 + 3) * LANES; /* of second nodes alone */
+  const double *mass = s->mass + 3 * integral->mass_pair[block], *slope = w->slope + integral->in_row[block];
+  const long step = run[1] - run[0], next = step > 0 ? AFTER - DIAGONAL : BEFORE - DIAGONAL;
+  const int first[] = {0, LANES, 4 * LANES}, second[] = {2 * LANES, 3 * LANES, 5 * LANES};
+  K += run[0];
+  for (int c = 0; c < 3; ++c)
+    for (int j = 0; j < 3; ++j) K[c * ROW + j - step] += tensors[6 * first[c] + first[j]];
+  for (int half = 0; half < LANES; half += 4, mass += 36, slope += 12, K += 4 * step) {
+    Four masses[3][4], pairs[4]; /* between both nodes, in rows of first and second ones, and of second nodes */
+    for (int k = 0; k < 3; ++k) {
+      for (int l = 0; l < 4; ++l) pairs[l] = load(mass + 9 * l + 3 * k) * (steep * load(slope + 3 * l + 3 * (k != 1)));
+      transpose(pairs[0], pairs[1], pairs[2], pairs[3], masses[k]);
+    }
+#pragma GCC unroll 3
+    for (int c = 0; c < 3; ++c) {
+      const double *a = tensors + 6 * first[c], *b = tensors + 6 * second[c], *ab = a + half, *ba = b + half; double *row = K + c * ROW;
+      set_rows(load(ab + second[0]), load(ab + second[1]), load(ab + second[2]), c, masses[0][c], step, row - step + next);
+      set_rows(load(ba + first[0]), load(ba + first[1]), load(ba + first[2]), c, masses[1][c], step, row - next);
+      set_rows(where_two_meet(b + second[0], a + first[0], half), where_two_meet(b + second[1], a + first[1], half),
+               where_two_meet(b + second[2], a + first[2], half), c, masses[2][c], step, row);
+    }
+  }
+}
+
 static void evaluate(const Tables *p, const Work *w, const Form *form, const Cells *cells, long block, double *tensors) {
   double coefficients[(form->tables->width + 1) * LANES] __attribute__((aligned(64)));
   pack(p, w, form->tables, cells, block, coefficients);
@@ -154,38 +194,42 @@ INLINED void add_tangents(int n, const Integral *integral, long block, const dou
 }
 
 /* Adds forces of some blocks of elements with n degrees of freedom to f and, unless K is 0, their tangent to matrix entries. */
-INLINED void assemble_elements(const Tables *p, const Work *w, int n, const Form *form, const Cells *cells, long first,
-                               long last, double *K) {
-  double A[(12 + 12 * 12) * LANES];
+INLINED void assemble_elements(const Tables *p, const Numbers *s, const Work *w, int n, const Form *form, const Cells *cells,
+                               long first, long last, double *K) {
+  double A[(12 + 12 * 12) * LANES], steep = steepness(&p->scheme, &s->frame, &w->state, w->dt);
   for (long block = first; block < last && block * LANES < cells->of->cells; ++block) {
     evaluate(p, w, form, cells, block, A);
     if (n == 6 && cells->of->in_row[block] >= 0) add_row_forces(A, w->f + cells->of->in_row[block]);
     else add_forces(n / 3, cells->of->to + block * n / 3 * LANES, A, w->f);
-    if (K) add_tangents(n, cells->of, block, A + n * LANES, K);
+    if (K && HAS(CHAIN) && n == 6 && cells->of->mass_pair && cells->of->mass_pair[block] >= 0)
+      set_in_chain(s, w, cells->of, block, steep, A + n * LANES, K);
+    else if (K) add_tangents(n, cells->of, block, A + n * LANES, K);
   }
 }
 
-HOT void assemble_blocks(const Tables *p, const Work *w, const Form *form, const Cells *cells, long first, long last,
-                         double *K) {
-  if (p->mesh.cell_dofs == 6) assemble_elements(p, w, 6, form, cells, first, last, K); /* whose loops are unrolled */
-  else assemble_elements(p, w, p->mesh.cell_dofs, form, cells, first, last, K);
+HOT void assemble_blocks(const Tables *p, const Numbers *s, const Work *w, const Form *form, const Cells *cells, long first,
+                         long last, double *K) {
+  if (p->mesh.cell_dofs == 6) assemble_elements(p, s, w, 6, form, cells, first, last, K); /* whose loops are unrolled */
+  else assemble_elements(p, s, w, p->mesh.cell_dofs, form, cells, first, last, K);
 }
 
 /* Pieces of an integral that have no node in common. */
-typedef struct { const Tables *p; const Work *w; const Form *form; const Cells *cells; const int *piece; double *K; } Assembly;
+typedef struct {
+  const Tables *p; const Numbers *s; const Work *w; const Form *form; const Cells *cells; const int *piece; double *K;
+} Assembly;
 
 static void assemble_piece(const void *task, int part, int thread) {
   const Assembly *t = task;
   long first = (long)PIECE * t->piece[part];
-  assemble_blocks(t->p, t->w, t->form, t->cells, first, first + PIECE, t->K);
+  assemble_blocks(t->p, t->s, t->w, t->form, t->cells, first, first + PIECE, t->K);
 }
 
-static void assemble_forces(const Tables *p, const Work *w, const Form *form, double *K) {
+static void assemble_forces(const Tables *p, const Numbers *s, const Work *w, const Form *form, double *K) {
   for (const Cells *cells = form->cells; cells < form->cells + form->integrals; ++cells) {
     const Integral *integral = cells->of;
-    if (!integral->colours) assemble_blocks(p, w, form, cells, 0, integral->cells, K);
+    if (!integral->colours) assemble_blocks(p, s, w, form, cells, 0, integral->cells, K);
     for (int k = 0; k < integral->colours; ++k) {
-      Assembly task = {p, w, form, cells, integral->piece + integral->colour_start[k], K};
+      Assembly task = {p, s, w, form, cells, integral->piece + integral->colour_start[k], K};
       share(p->mesh.threads, integral->colour_start[k + 1] - integral->colour_start[k], assemble_piece, &task);
     }
   }

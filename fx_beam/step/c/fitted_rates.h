@@ -84,7 +84,7 @@ static int begin_fit(const Tables *p, const Numbers *s, Work *w, const Fits *fit
   for (int i = 0; i < p->sliders.count; ++i) memset(w->slider[i].force, 0, sizeof w->slider->force);
   if (same) return 1;
   begin_tangent(p, K);
-  multiply_mass(p, s, w->D, w->scratch, K, 1, w->slope);
+  multiply_mass(p, s, w->D, w->scratch, K, 1, w->slope, 0);
   for (int i = 0; i < p->dofs; ++i)
     if (s->viscous_weight[i] > 0) K[w->statics.diagonal_at[i]] += s->viscous_weight[i];
   reduce_tangent(p, s, w);

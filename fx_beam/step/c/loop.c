@@ -131,7 +131,7 @@ static void audit(const Tables *p, const Numbers *s, Work *w, const double *chan
   add_times(constrained, w->state.share, w->reduced + p->free, w->state.constraint_forces);
   if (p->has_added) {
     memset(w->f, 0, n * sizeof(double));
-    assemble_forces(p, w, &s->forms.added, 0);
+    assemble_forces(p, s, w, &s->forms.added, 0);
     fx_evaluate_points(s->points, s->points->external, s->points->nodal, w->D, w->z);
     fx_add_points(s->points, s->points->external, s->points->nodal, -1, w->f);
     for (int i = 0; i < n; ++i) w->state.work += mean_force(&p->scheme, &w->state, w->f[i], w->state.added_forces + i) * w->path[i];

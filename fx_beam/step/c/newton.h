@@ -22,8 +22,8 @@ static void take_beams(const Tables *p, const Work *w, double *K) {
 static void assemble(const Tables *p, const Numbers *s, const Work *w, double *K) {
   if (w->newton.beam_forces) take_beams(p, w, K);
   else {
-    assemble_forces(p, w, &s->forms.internal_forces, w->slopes_only ? 0 : K);
-    if (s->forms.drag.integrals) assemble_forces(p, w, &s->forms.drag, K);
+    assemble_forces(p, s, w, &s->forms.internal_forces, w->slopes_only ? 0 : K);
+    if (s->forms.drag.integrals) assemble_forces(p, s, w, &s->forms.drag, K);
   }
   evaluate_nodes(s->points, w);
   fx_add_points(s->points, 0, s->points->nodal, 1, w->f);

@@ -104,9 +104,11 @@ static double steepness(const Scheme *scheme, const Frame *frame, const State *s
   return (scheme->rule == 0 ? 2 : (1 - scheme->alpha_m) / scheme->beta) / (dt * dt);
 }
 
-/* Forces r of the masses, for an `acceleration`, and their derivatives by the increment in the tangent K. */
+/* Forces r of the masses, for an `acceleration`, and their derivatives by the increment in the tangent K, but for those that
+   elements set with their own. */
 HOT void inertia(const Tables *p, const Numbers *s, const Work *w, double *r, double *K) {
-  multiply_mass(p, s, w->acc, r, K, p->scheme.rules ? 0 : steepness(&p->scheme, &s->frame, &w->state, w->dt), w->slope);
+  double steep = p->scheme.rules ? 0 : steepness(&p->scheme, &s->frame, &w->state, w->dt);
+  multiply_mass(p, s, w->acc, r, K, steep, w->slope, w->slopes_only || w->newton.beam_forces ? 0 : p->mass.by_elements);
   for (int k = 0; p->scheme.rules && k < 9 * p->mass.start[p->mesh.nodes]; ++k)
     K[p->scheme.rule_stored_at[k]] += s->mass[k / 3] * w->rule[RULE_VALUES / 3 * p->mass.dof[k / 9] + 3 + k % 9];
 }

@@ -45,6 +45,9 @@ typedef struct {
   /* In a chain instead, for pairs of nodes with entries in three rows of a group: [block][row's node, column's node][lane] index
      of the first. Other entries: where those of each block begin, their indices among the element tensors, and in the tangent. */
   const int *run, *single_start, *single_from, *single_to;
+  /* Of those blocks in a row that set their rows of a chain, with masses, the first pair of masses: of the first node and the
+     second one; else -1. */
+  const int *mass_pair;
   /* Of a large scene colours, with the pieces of so many blocks that each has, which have no node in common: threads share them. */
   int colours; const int *colour_start, *piece;
 } Integral;
@@ -81,8 +84,8 @@ typedef struct {
 } Tangent;
 
 /* Pattern of the mass matrix, in compressed rows of nodes: the first degree of freedom of each column's node; where the tangent
-   has the numbers of each pair of nodes [pair][3]. */
-typedef struct { const int *start, *dof, *stored_at; } Mass;
+   has the numbers of each pair of nodes [pair][3]; if elements set some pairs with their own entries, whether they set each. */
+typedef struct { const int *start, *dof, *stored_at, *by_elements; } Mass;
 
 /* Displacements and rotations x = g(z) of the columns z, which are unknowns, then driven and fixed ones, with T = dg/dz, and
    Tv for virtual displacements. Each entry of both is a sign times one of the values of the joints: number 0 is the constant 1,
