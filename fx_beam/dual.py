@@ -352,6 +352,8 @@ def _flat(values: Sequence) -> tuple[Sequence, list[int]] | None:
 
 def dual_array(values: object) -> MaybeDual:
     """An array of floats, or a `Dual` if any entry has slopes."""
+    if type(values) is np.ndarray and values.dtype == float:
+        return np.array(values)  # quickly
     if isinstance(values, list | tuple) and (flat := _flat(values)) is not None:
         return np.array(flat[0], float).reshape(flat[1])  # quickly
     dual = dual_of(values)
@@ -482,7 +484,7 @@ def _interp(x, xp, fp) -> MaybeDual:
     places, points = floats(x), floats(xp)
     if len(points) == 1:
         return fp[np.zeros(np.shape(places), int)]
-    i = np.searchsorted(points[1:-1], places, "right")
+    i = points[1:-1].searchsorted(places, "right")
     w = _clip((x - xp[i]) / (xp[i + 1] - xp[i]), 0.0, 1.0)
     if isinstance(w, Dual) or not isinstance(fp, Dual):
         return fp[i] + w * (fp[1:] - fp[:-1])[i]

@@ -65,7 +65,8 @@ class Analysis:
 
     def __init__(self, parameters: Parametrised):
         self.parameters = parameters
-        self._measured_outputs: tuple[object, dict[str, Measured]] = None, {}
+        # The last outputs, what tells those of nodes, and what measures them.
+        self._measured_outputs: tuple[object, list, dict[str, Measured]] = None, [], {}
 
     @property
     def outputs(self) -> dict[str, Wanted]:
@@ -74,13 +75,14 @@ class Analysis:
 
     @property
     def measured_by_name(self) -> dict[str, Measured]:
-        """Outputs of the last scene that are no functions, measured once."""
-        outputs = self.outputs
-        if self._measured_outputs[0] is not outputs:
-            chosen = {name: each for name, each in outputs.items() if isinstance(each, Output)}
-            by_name = {name: Measured(output) for name, output in chosen.items()}
-            self._measured_outputs = outputs, by_name
-        return self._measured_outputs[1]
+        """Outputs of the last scene that are no functions; the same dict for the same nodes."""
+        outputs, (known, keys, by_name) = self.outputs, self._measured_outputs
+        if known is not outputs:
+            if not (last := node_keys(outputs)) or last != keys:
+                chosen = {name: each for name, each in outputs.items() if isinstance(each, Output)}
+                by_name = {name: Measured(output) for name, output in chosen.items()}
+            self._measured_outputs = outputs, last, by_name
+        return by_name
 
     @property
     def measured(self) -> list[Measured]:
@@ -320,9 +322,8 @@ class MotionAnalysis(Analysis):
         # Several processes have no derivatives.
         self._series = MotionSeries(memory)
         self._tape_derivatives: TapeDerivatives | None = None
-        # Outputs of the last run that are no functions, and where they are if all are of nodes.
-        self._measured: list[Measured] = []
-        self._keys: list = []
+        # Outputs of the last run that are no functions.
+        self._measured: dict[str, Measured] = {}
         # The last run whose rows only this object has.
         self._last_run: Run | None = None
 
@@ -352,18 +353,17 @@ class MotionAnalysis(Analysis):
     def _begun(self, x: Any) -> Run:
         """A run of the scene of x that is to take its steps."""
         scene = self.parameters.build_and_keep(x)
-        if not (keys := node_keys(self.outputs)) or keys != self._keys:
-            self._set_outputs(keys)
+        if (measured := self.measured_by_name) is not self._measured:
+            self._set_outputs(measured)
         start, old, self._last_run = self._start_of(scene), self._last_run, None
         return self._series.begun(scene, self._options, start, old)
 
-    def _set_outputs(self, keys: list) -> None:
-        """Measure the outputs of the scene, and record what they need."""
-        record, last = self._record, self._options.record
-        self._keys, self._measured = keys, (measured := self.measured)
+    def _set_outputs(self, measured: dict[str, Measured]) -> None:
+        """Record what the outputs of the scene need."""
+        record, last, self._measured = self._record, self._options.record, measured
         # Functions may read all, and a look at ropes on pulleys needs their forces.
         if len(measured) == len(self.outputs) and not self._has_pulleys():
-            record = recorded(record, last, measured)
+            record = recorded(record, last, measured.values())
         if record is not last:
             self._options = replace(self._options, record=record)
         self._series.tapes = bool(measured)
@@ -377,7 +377,7 @@ class MotionAnalysis(Analysis):
         if looks or options.tolerance is not None or options.record.times is not None:
             return {}
         y = {}
-        for name, measured in zip(self.outputs, self._measured, strict=True):
+        for name, measured in self._measured.items():
             if (rows := row_values(model, run.recorder, measured)) is None:
                 return {}
             y[name] = rows
@@ -423,15 +423,11 @@ class MotionAnalysis(Analysis):
             lines = [measured for measured in self.measured if measured.law_quantity == "pull"]
             start = StaticDerivatives(self.path).change_of_end(derivatives, "Response", lines)
         first = self._options.dt if self._options.tolerance is None else tape.times.first_length
-        accelerations = self._accelerations_by_x(first)
-        numbers_of = functools.partial(self._numbers_of, tape, first, start, accelerations)
+        assert self._series.prepared is not None  # as the tape
+        needs = needs_of(self._series.prepared.model, self.measured)
+        accelerations = self._accelerations_by_x(first) if needs.start else None
+        numbers_of = functools.partial(self._numbers_of, needs, tape, first, start, accelerations)
         return self.parameters.derivatives(numbers_of)
-
-    @property
-    def _needs(self) -> Needs:
-        """Needs of the outputs in the last motion."""
-        assert self._series.prepared is not None  # `followed` comes first
-        return needs_of(self._series.prepared.model, self.measured)
 
     def _accelerations_by_x(self, first: float) -> np.ndarray | None:
         """Changes (m, size) of those at the start, by a very short step; None if not from rest."""
@@ -439,8 +435,7 @@ class MotionAnalysis(Analysis):
         moving = model.scene.velocities, model.couplings.driven, self._start is not None
         other_steps = self._options.tolerance is not None or len(model.scheme.fractions) > 1
         # Round-off of the rates of natural strains would be large in such a step.
-        unfit = any(moving) or other_steps or model.data.natural
-        if unfit or not self._needs.start:
+        if any(moving) or other_steps or model.data.natural:
             return None
         assert prepared is not None  # it has the model
         tape, short = Tape(derivatives.problem), _INSTANT * first
@@ -482,13 +477,19 @@ class MotionAnalysis(Analysis):
         return other, state, numbers
 
     def _numbers_of(
-        self, tape: Tape, first: float, start: Any, a_by_x: Any, scene: Scene, change: Any
+        self,
+        needs: Needs,
+        tape: Tape,
+        first: float,
+        start: Any,
+        a_by_x: Any,
+        scene: Scene,
+        change: Any,
     ) -> dict[str, Any]:
         """Numbers of steps and state for another scene, and of outputs that have rates.
 
         Accelerations have the changes `a_by_x` (m, size) as their slopes.
         """
-        needs = self._needs
         other, state, numbers = self._numbers_of_steps(
             tape, first, start, needs.start, scene, change
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -51,7 +51,7 @@ def node_keys(outputs: Mapping[str, Wanted]) -> list[tuple[str, str, str | None,
     return keys
 
 
-def recorded(requested: Record, last: Record, measured: list[Measured]) -> Record:
+def recorded(requested: Record, last: Record, measured: Iterable[Measured]) -> Record:
     """The `requested` record, reduced to what the outputs need; the `last` one if it is equal."""
     kinds = {kind_of(output).record_of(output) for output in measured}
     rates, forces = requested.rates and "rates" in kinds, requested.forces and "forces" in kinds
@@ -167,10 +167,10 @@ class Observation:
         self.boundaries = np.unique(np.concatenate(lists)) if len(lists) > 1 else boundaries
         reads_forces = any(is_section_force(measured.output) for measured in outputs.values())
         sub_steps = SubSteps(model, tape, self.boundaries, has_places, reads_forces)
-        ends = np.searchsorted(self.boundaries, boundaries)
-        starts = np.searchsorted(self.boundaries, steps.starts)
-        forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
-        rows = np.flatnonzero(boundaries), np.flatnonzero(boundaries == 0)
+        ends = self.boundaries.searchsorted(boundaries)
+        starts = self.boundaries.searchsorted(steps.starts)
+        forces_at = self.sub_steps.searchsorted(steps.sub_steps)
+        rows = boundaries.nonzero()[0], (boundaries == 0).nonzero()[0]
         places = RowPlaces(
             sub_steps, numbers, ends, starts, *rows, steps, forces_at, entries, forces
         )

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.dual import Dual, dual_array, floats
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, all_of
 from fx_beam.fem.beam_forms import BeamSlopes
 from fx_beam.fem.functions_of_time import LoadedBeams
 from fx_beam.fem.mass import masses_of_points
@@ -467,7 +467,8 @@ class LocalOutput(RowOutput):
         elif not array:
             yield from self._blocks_at(numbers_of_output(self._name), entries, every, slopes)
         elif array == "X":
-            yield from self._blocks_at(array, entries, every, slopes)
+            if self._sub_steps.has_places:
+                yield from self._blocks_at(array, entries, every, slopes)
         else:
             name = self._rates if array == "v" else array
             yield from self._blocks_at(name, self._at(name, entries), every, slopes, ends)
@@ -489,7 +490,8 @@ class LocalOutput(RowOutput):
         if factors is not None:
             values = values * factors[:, None, None]
         values = np.broadcast_to(values, (len(rows), count, width))
-        are_entries = n == 1 and np.array_equal(slopes[0], _UNITS[:count, :count])
+        is_square = count == width <= len(_UNITS)
+        are_entries = n == 1 and is_square and all_of(slopes[0] == _UNITS[:count, :count])
         if are_entries or count == width == 1:
             parts = np.arange(count)  # each component by its own entry
             yield DerivativeBlock(name, entries, rows, values[:, parts, parts], places, parts)
@@ -562,17 +564,16 @@ class ResultantOutput(RowOutput):
                     values = shares * slopes[point, :, :, k].T
                     yield DerivativeBlock(name, entries[k], rows, values, part=int(component))
                 continue
+            point_components, cell_entries = ([*map(_evenly, x)] for x in (components, entries.T))
             for point, number in np.ndindex(slopes.shape[:2]):
-                values, cell_entries = shares * slopes[point, number], _evenly(entries[:, number])
-                yield DerivativeBlock(
-                    name, cell_entries, rows, values, part=_evenly(components[point])
-                )
+                values, part = shares * slopes[point, number], point_components[point]
+                yield DerivativeBlock(name, cell_entries[number], rows, values, part=part)
 
 
 def _evenly(entries: np.ndarray) -> Chosen:
     """Entries (n,) as a slice, which is quicker, if they are at equal distances."""
     first, step = int(entries[0]), int(entries[-1] - entries[0]) // max(len(entries) - 1, 1)
-    even = step > 0 and np.array_equal(entries, first + step * np.arange(len(entries)))
+    even = step > 0 and all_of(entries == first + step * np.arange(len(entries)))
     return slice(first, int(entries[-1]) + 1, step) if even else entries
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from fx_beam.errors import (
     SceneError,
+    all_of,
     array_of,
     check_takes,
     is_one_of,
@@ -502,8 +502,10 @@ class Response(ParameterFunction):
             Before the first call of the response; for weights of other names or shapes; for an
             output, a scheme or a part of the scene that has no derivatives.
         """
-        checked, analysis = self._checked_weights(weights), self._analysis
-        singles, outputs = self._chosen(checked, "Response.vjp: weights")
+        subject, analysis = "Response.vjp: weights", self._analysis
+        require(isinstance(weights, Mapping), subject, weights, "a dict by names of outputs")
+        singles, outputs = self._chosen(weights, subject)
+        checked = {name: self._checked(weights, name) for name in (*singles, *outputs)}
         gradient = np.zeros(len(self._parameters.x))
         forwards = [*checked] if analysis.forwards else singles
         for name, rows in self.jacobian(*forwards).items() if forwards else ():
@@ -694,24 +696,21 @@ class Response(ParameterFunction):
         observe = functools.partial(Observation, model, tape, forces, entries, has_places, numbers)
         return tape, derivatives, changes, observe, entries
 
-    def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        subject = "Response.vjp: weights"
-        require(isinstance(weights, Mapping), subject, weights, "a dict by names of outputs")
-        checked = {}
-        for name in itertools.chain(*self._chosen(weights, subject)):
-            entry, shape = f"{subject}[{name!r}]", self._shapes[name]
-            checked[name] = values = array_of(weights[name], entry)
-            require(values.shape == shape, entry, values.shape, f"of the shape {shape}")
-            if not (is_finite := np.isfinite(values)).all():
-                index = np.argwhere(~is_finite)[0]
-                place = "".join(f"[{i}]" for i in index)
-                # A single number has no time.
-                time_text = f", at t = {self._analysis.t[index[0]]:.6g}" if shape else ""
-                raise SceneError(
-                    f"{entry}{place} is no finite number{time_text}. Give rows without one, such "
-                    "as those that were not measured, the weight 0"
-                )
-        return checked
+    def _checked(self, weights: Mapping[str, np.ndarray], name: str) -> np.ndarray:
+        """The weights of an output, finite and of its shape; SceneError otherwise."""
+        entry, shape = f"Response.vjp: weights[{name!r}]", self._shapes[name]
+        values = array_of(weights[name], entry)
+        require(values.shape == shape, entry, values.shape, f"of the shape {shape}")
+        if not all_of(is_finite := np.isfinite(values)):
+            index = np.argwhere(~is_finite)[0]
+            place = "".join(f"[{i}]" for i in index)
+            # A single number has no time.
+            time_text = f", at t = {self._analysis.t[index[0]]:.6g}" if shape else ""
+            raise SceneError(
+                f"{entry}{place} is no finite number{time_text}. Give rows without one, such "
+                "as those that were not measured, the weight 0"
+            )
+        return values
 
     def _chosen(self, names: Iterable[str], subject: str) -> tuple[list[str], dict[str, Measured]]:
         """Names of single numbers, and the other outputs by names; SceneError for functions."""

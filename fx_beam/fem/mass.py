@@ -70,16 +70,17 @@ class MassPlaces:
 
     def weights(self, gravity: MaybeDual, entries: MaybeDual) -> MaybeDual:
         """Weight (size,) of an acceleration (2,), by entries of the mass."""
-        places, rows = self._translations()
+        places, rows = self._translations
         pull = dual_array(gravity)[rows % 3]
         return np.bincount(rows, entries[places] * pull, len(self.diagonal))
 
     def entry_slopes(self, gravity: MaybeDual, weight_slopes: np.ndarray) -> np.ndarray:
         """Derivatives by entries from those by the weight."""
-        places, rows = self._translations()
+        places, rows = self._translations
         pulls = weight_slopes[rows] * gravity[rows % 3]
         return np.bincount(places, pulls, self._K.nnz)
 
+    @functools.cached_property
     def _translations(self) -> tuple[np.ndarray, np.ndarray]:
         """Entries of equal displacements of two nodes in the values of the stiffness, and rows."""
         K = self._K

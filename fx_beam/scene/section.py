@@ -845,7 +845,7 @@ def warn_of_coarse_elements(beam: Beam) -> None:
     """Warn of stiffness or mass that jumps in an element, and of layers held at few places."""
     for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
         place = None
-        if beam.section.varies(name):
+        if callable(getattr(beam.section, name)):
             try:
                 place = _jump(beam, name)
             except SceneError:  # the analysis says where the function fails

@@ -96,7 +96,7 @@ class Rows:
     """Numbers of the vector in rows of a run, in parts by name: ``RowsOfRun`` of c/problem.h."""
 
     def __init__(self, parts: dict[str, np.ndarray]):
-        self._places = np.concatenate([*parts.values()])
+        self._places = np.concatenate([*parts.values()]).astype(np.int32)
         ends = itertools.accumulate([0, *map(len, parts.values())])
         slices = itertools.starmap(slice, itertools.pairwise(ends))
         self._part = dict(zip(parts, slices, strict=True))
@@ -114,7 +114,7 @@ class Rows:
 
         In the order of the numbers, or the i-th to row `row_of[i]`: several may have one row.
         """
-        row_numbers = np.full(count, -1)
+        row_numbers = np.full(count, -1, np.int32)
         row_numbers[numbers] = np.arange(len(numbers)) if row_of is None else row_of
         size = len(self._places)
         return {"at": row_numbers, "size": size, "place": self._places, "rows": never_empty(rows)}

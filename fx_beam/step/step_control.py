@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, any_of
 from fx_beam.laws.schemes import order_and_constant
 from fx_beam.scene.functions import Accelerogram
 
@@ -165,13 +165,13 @@ class Times(NamedTuple):
         ends = self.ends[self.sub_step_count - 1 :: self.sub_step_count]
         grid = np.concatenate([self.starts[:1], ends])
         least = abs(self.lengths).min(initial=np.inf)
-        if (gaps := abs(self.starts[whole] - grid[:-1]) > 1e-3 * least).any():
+        if any_of(gaps := abs(self.starts[whole] - grid[:-1]) > 1e-3 * least):
             raise SceneError(
                 f"the step after t = {grid[:-1][gaps][0]:.6g} failed in the compiled loop, so "
                 "that there is no derivative. Try a smaller dt"
             )
-        rows = np.searchsorted((grid[1:] + grid[:-1]) / 2, times)
-        if (misses := abs(grid[rows] - times) > 1e-3 * least).any():
+        rows = ((grid[1:] + grid[:-1]) / 2).searchsorted(times)
+        if any_of(misses := abs(grid[rows] - times) > 1e-3 * least):
             raise SceneError(
                 f"the row at t = {times[misses][0]:.6g} is inside a step, and has no derivative. "
                 "Record at ends of steps: with a tolerance, give the times as `breaks` too"

@@ -113,7 +113,7 @@ class JumpWatch:
     def __init__(self, forcing: Forcing):
         self._forcing, self._columns = forcing, fact(forcing.model, recursive_columns)
         #: Whether there is something to warn of.
-        self.on = bool(self._columns.any())
+        self.on = any_of(self._columns)
         self._times, self._places = np.empty(0), np.empty((0, len(self._columns)))
 
     def begin(self, state: StateVector) -> None:

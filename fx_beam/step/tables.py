@@ -698,6 +698,8 @@ class ProblemInC:
         self.c = self.ffi.new("Problem *")
         self.structs.set(self.c, tables=[{}])
         storage.hand_over(self)
+        # Libraries of derivatives by their way, once they are asked for; all runs share them.
+        self._derivatives: dict[str, Any] = {}
         self.tables = None
         self._set_mesh()
         self.set(tables={"has_added": model.forms.has_added, "scheme": _scheme(storage)})
@@ -825,7 +827,10 @@ class ProblemInC:
 
     def derivatives(self, way: str) -> Any:
         """The library of the derivatives of steps, backwards ("VJP") or forwards ("JVP")."""
-        return load_library(self.storage.features, way)[1]
+        libraries = self._derivatives
+        if way not in libraries:
+            libraries[way] = load_library(self.storage.features, way)[1]
+        return libraries[way]
 
     def set(self, **values: object) -> None:
         """Set `tables`, `numbers` and `work` of the struct by name, as `Structs.set`.

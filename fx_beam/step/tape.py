@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -156,11 +157,11 @@ class Part(NamedTuple):
     def of_boundaries(self, boundaries: np.ndarray) -> np.ndarray:
         """Indices of the boundaries that are ends of these sub-steps, or the start of the run."""
         bound = self.first if self.first else -1
-        return np.flatnonzero((boundaries > bound) & (boundaries <= self.end))
+        return ((boundaries > bound) & (boundaries <= self.end)).nonzero()[0]
 
     def of_sub_steps(self, sub_steps: np.ndarray) -> np.ndarray:
         """Indices of the sub-steps that are among these."""
-        return np.flatnonzero((sub_steps >= self.first) & (sub_steps < self.end))
+        return ((sub_steps >= self.first) & (sub_steps < self.end)).nonzero()[0]
 
 
 class Tape:
@@ -275,7 +276,7 @@ class Tape:
             self._times = self._checkpoints.times()
         return self._times
 
-    @property
+    @cached_property
     def widths(self) -> dict[str, int]:
         """Numbers of the arrays of a state in a row, by the names of the derivatives by them."""
         p = self.problem.c.tables
