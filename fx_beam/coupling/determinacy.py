@@ -65,9 +65,11 @@ def _touching(
     ways = X[second] - X[first]
     lengths = np.hypot(*ways.T)
     near = _NEAR * mesh.size + _rises(scene, mesh, first, second)
-    close = cKDTree(X[ends]).query_ball_point(X[first] + ways / 2, lengths / 2 + near)
-    piece = np.repeat(np.arange(len(first)), [len(numbers) for numbers in close])
-    node = ends[np.concatenate(close).astype(int)]
+    tree, middles, radii = cKDTree(X[ends]), X[first] + ways / 2, lengths / 2 + near
+    close_pieces = np.flatnonzero(tree.query(middles)[0] <= radii)  # most have no end near
+    close = tree.query_ball_point(middles[close_pieces], radii[close_pieces])
+    piece = np.repeat(close_pieces, [*map(len, close)])
+    node = ends[np.fromiter(itertools.chain.from_iterable(close), int)]
     part = parts[node]
     is_other = (part != parts[first[piece]]) & (part != parts[second[piece]])
     piece, node = piece[is_other], node[is_other]

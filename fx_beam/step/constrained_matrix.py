@@ -368,12 +368,12 @@ class Pencil:
         # Orthonormal motions (size, few) that have no mass.
         self._massless = np.empty((len(massive), 0))
         # Also entries that are zero belong to it: whole nodes are factorised faster.
-        counted = [A.with_data(np.arange(1, A.system.nnz + 1)).system for A in (K, M)]
-        numbered = counted[0] + 1j * counted[1]
+        counted = (A.with_data(np.arange(1, A.system.nnz + 1)).system for A in (K, M))
+        (k, m), count = counted, K.system.nnz + 1
+        numbered = k + count * m
         numbered.sort_indices()
-        numbers = (part.astype(int) - 1 for part in (numbered.data.real, numbered.data.imag))
-        pairs = zip((K.system, M.system), numbers, strict=True)
-        self._values = [np.append(A.data, 0.0)[k] for A, k in pairs]
+        of_M, of_K = np.divmod(numbered.data, count)
+        self._values = [np.append(0.0, A.system.data)[i] for A, i in ((K, of_K), (M, of_M))]
         self._rows, self._columns = K.places.rows, K.places.columns
         self._extended, self._lu = K, K.factors((numbered.indptr, numbered.indices))
         # The x of the last factors, and whether no pivot is zero.
