@@ -86,7 +86,7 @@ class MassPlaces:
         K = self._K
         row = np.repeat(np.arange(len(self.diagonal), dtype=np.int32), np.diff(K.indptr))
         places = np.flatnonzero((row % 3 == K.indices % 3) & (row % 3 < 2))
-        return places, row[places]
+        return places.astype(K.indptr.dtype), row[places]
 
 
 class MassMatrix:
