@@ -69,13 +69,18 @@ class SubSteps:
             rows = parameters.signals.over_steps(times.starts, times.ends, self._level)
             self._parameters = floats(rows)
             self._start_parameters = parameters.values_at(float(times.starts[0]))[None]
-        # Length of the short step for the resultants at the start [s], and 1 if these, or all
-        # forces of elements that are wanted, depend on rates, else 0.
-        self._short, beams = INSTANT * tape.times.first_length, model.forms.beams
+        # 1 if resultants at the start, or all forces of elements that are wanted, depend on rates,
+        # else 0.
+        beams = model.forms.beams
         moves = beams is not None and (
             beams.depend_on_rates if reads_forces else beams.facts.resultants_move
         )
         self._moves = float(moves)
+
+    @cached_property
+    def _short(self) -> float:
+        """Length of the short step for the resultants at the start [s]."""
+        return INSTANT * self.tape.times.first_length
 
     @cached_property
     def states(self) -> dict[str, np.ndarray]:

@@ -453,13 +453,11 @@ class MotionSetup:
         return state
 
     def first_of_run(self, dt: float, start: Solution | None, accelerations: bool) -> State:
-        """As `first_state`; without a start it is found once for a run and its derivatives."""
+        """As `first_state`; without a start it is found, and loaded, once for a run."""
         if start is not None:
             return self.first_state(dt, start, accelerations)
         key = dt, accelerations
-        if key in self._first_states:
-            self.stepper.load(self._first_states[key])
-        else:
+        if key not in self._first_states:
             self._first_states[key] = self.first_state(dt, None, accelerations)
         return self._first_states[key]
 
