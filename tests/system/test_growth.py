@@ -35,11 +35,19 @@ SMALL = dict.fromkeys(KINDS, 16) | {"tower": 12, "sliders": 12}
 
 
 def too_large(kind, count, costs, small):
-    """Costs by name with their exponents, if these are too large."""
+    """Costs by name with their exponents, if these are too large twice.
+
+    Once a table of the process may grow, or a thread that an earlier test left.
+    """
     warm(kind, costs)
-    before, now = (measure(kind, n, count, costs) for n in (small, 4 * small))
-    powers = {name: exponent(before[name], now[name], 4) for name in costs}
-    return {name: power for name, power in powers.items() if power >= LARGEST}
+    powers = {}
+    for _ in range(2):
+        before, now = (measure(kind, n, count, costs) for n in (small, 4 * small))
+        powers = {name: exponent(before[name], now[name], 4) for name in costs}
+        powers = {name: power for name, power in powers.items() if power >= LARGEST}
+        if not powers:
+            break
+    return powers
 
 
 # A ladder is a tower without springs. Loops on all sides take more memory (docs/limits.md).
