@@ -111,9 +111,7 @@ def buckling(
     factors, vectors = _lowest(small, path.stepper, n)
     _warn_of_strains(small, path.model, factors)
     zeros = np.zeros(len(factors))
-    path.stepper.motions.extended(first)  # the couplings are then those of the state
-    motion = path.model.reduction.maps.motion
-    shapes = np.stack([motion(vector) for vector in vectors.T], axis=1)
+    shapes = path.stepper.motions.at_nodes(first, vectors)
     modes = modes_of(path.model, small.state.q, shapes, zeros, zeros > 0, zeros, zeros * 1j)
     return BucklingModes(factors, modes)
 

@@ -980,11 +980,9 @@ class PathStability:
         else:
             vectors = motions.lowest(K, unstable)[1][:, -multiplicity:]
         kind = "bifurcation" if multiplicity > 1 and root.kind in SMOOTH else root.kind
-        motions.extended(state)  # the couplings are then those of this state
         omega = np.sign(square) * np.sqrt(abs(square))
         rate, ratio = (-omega, np.nan) if square < 0 else (1j * omega, 0.0)
         values = (np.full(vectors.shape[1], value) for value in (omega, False, ratio, rate))
-        model = self._stepper.model
-        shapes = np.column_stack([model.reduction.maps.motion(vector) for vector in vectors.T])
-        modes = modes_of(model, state.q, shapes, *values)
+        shapes = motions.at_nodes(state, vectors)
+        modes = modes_of(self._stepper.model, state.q, shapes, *values)
         return CriticalPoint(kind, state.t, row, modes, self._solved(state))

@@ -265,7 +265,7 @@ class PathEquations:
             extended = equations.extended()
             A, places = _with_diagonal(extended.system, len(independent)), extended.places
             A.sort_indices()
-            self.bordered = self._bordered((A.indptr, A.indices), places.dependent, places.acts_on)
+            self.bordered = self._bordered((A.indptr, A.indices), places.dependent, places.closing)
             values = A.data
         else:
             values = equations.values
@@ -381,6 +381,12 @@ class SmallMotions:
     def coupling(self) -> csr_matrix:
         """T (size, n): motions of all nodes by the unknowns, in the last state."""
         return self.model.reduction.maps.coupling()[:, self.model.reduction.independent]
+
+    def at_nodes(self, state: State, vectors: np.ndarray) -> np.ndarray:
+        """Motions (size, m) of all nodes by vectors (n, m) of unknowns, in a state."""
+        self.extended(state)  # the couplings are then those of this state
+        motion = self.model.reduction.maps.motion
+        return np.column_stack([motion(vector) for vector in vectors.T])
 
     def symmetric(self, K: csr_matrix) -> bool:
         """Whether the forces of a state have a potential."""
