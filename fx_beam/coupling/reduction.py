@@ -699,9 +699,9 @@ class Reduction:
 
     @property
     def closing(self) -> np.ndarray:
-        """For each closure one of the unknowns (closures,) that close loops, which moves it far.
+        """Unknowns (closures,) that close loops, in the order of the closures that they move most.
 
-        The product of the derivatives of all closures by their unknowns is the largest one.
+        The product of the derivatives of each closure by its unknown is as large as it can be.
         """
         followers = self.joints.configuration.following
         derivatives = abs(self.maps.closure_derivatives()[:, followers])

@@ -108,24 +108,25 @@ class UnknownPlaces:
     free: int
     #: `Reduction.dependent`; None without auxiliary unknowns.
     dependent: np.ndarray | None = None
-    #: Unknowns (closures,) on which the forces F act; and numbers of all, and of d, before.
-    acts_on: np.ndarray = field(default_factory=lambda: NONE)
+    #: Number of closures of loops, each with an unknown d and a force F that acts on it.
+    closures: int = 0
+    #: Numbers of all unknowns before they were put in this order.
     order: np.ndarray = field(default_factory=lambda: NONE)
 
     @property
     def first(self) -> np.ndarray:
         """Rows of the equations of auxiliary unknowns, and columns of these."""
-        return np.arange(self.free, self.size - 2 * len(self.acts_on), 2)
+        return np.arange(self.free, self.size - 2 * self.closures, 2)
 
     @property
     def closing(self) -> np.ndarray:
         """Rows and columns of d."""
-        return np.arange(self.size)[-2 * len(self.acts_on) : -len(self.acts_on) or 0]
+        return np.arange(self.size - 2 * self.closures, self.size - self.closures)
 
     @property
     def forces(self) -> np.ndarray:
         """Rows of the equations of loops, and columns of their forces F."""
-        return self.closing + len(self.acts_on)
+        return self.closing + self.closures
 
     @property
     def rows(self) -> np.ndarray:
@@ -164,12 +165,11 @@ class ConstrainedMatrix:
         dependent, free, size = reduction.auxiliaries.dependent, reduction.free, system.shape[0]
         if reduction.loops is None:
             return cls(system, UnknownPlaces(size, free, dependent))
-        auxiliaries, forces = np.split(np.arange(free, size), [size - free - len(reduction.forces)])
-        closing = reduction.closing
-        order = np.concatenate([reduction.independent, auxiliaries, closing, forces])
-        place = np.argsort(order)
-        dependent = None if dependent is None else place[dependent]
-        places = UnknownPlaces(size, len(reduction.independent), dependent, place[closing], order)
+        independent, closing = reduction.independent, reduction.closing
+        auxiliaries, forces = np.split(np.arange(free, size), [size - free - len(closing)])
+        order = np.concatenate([independent, auxiliaries, closing, forces])
+        dependent = None if dependent is None else np.argsort(order)[dependent]
+        places = UnknownPlaces(size, len(independent), dependent, len(closing), order)
         return cls(system[order][:, order], places)
 
     @property
@@ -211,7 +211,7 @@ class ConstrainedMatrix:
 
     def factors(self, pattern: Pattern) -> LU:
         """Factors of such systems, without exchange of rows."""
-        return LU(pattern, self.places.dependent, self.places.acts_on)
+        return LU(pattern, self.places.dependent, self.places.closing)
 
     def negative_eigenvalues(self, factors: LU) -> int:
         """Number of negative eigenvalues of a symmetric T^T A T, by its `factors`.
@@ -219,7 +219,7 @@ class ConstrainedMatrix:
         By Sylvester's law of inertia. Each force F adds one to those of the system.
         """
         pivots = factors.pivots
-        forces = len(self.places.acts_on)
+        forces = self.places.closures
         first_force = len(pivots) - 2 * forces
         return int((pivots[: self.free] < 0).sum() + (pivots[first_force:] < 0).sum() - forces)
 
@@ -606,8 +606,10 @@ class UndampedModes:
         n = min(n, finite)
         pencil.set_finite(finite)
         least = levels[levels > 0][0]
-        if count(least) == 0 and (all_of_them := self._at_once(n, levels, count)) is not None:
-            return all_of_them
+        if count(least) == 0:
+            all_of_them = self._at_once(n, levels[levels > 0], count)
+            if all_of_them is not None:
+                return all_of_them
         last = levels[bisect.bisect_left(levels, n, key=count)]
         values, rounding, vectors = np.empty(0), np.empty(0), np.empty((len(self._scale), 0))
 
@@ -635,11 +637,15 @@ class UndampedModes:
         return values[order], rounding[order], vectors[:, order]
 
     def _at_once(self, n: int, levels: np.ndarray, count: Callable[[float], int]):
-        """Results of `_in_slices` if all eigenvalues lie within four decades; otherwise None."""
-        none, least = np.empty((len(self._scale), 0)), levels[levels > 0][0]
-        new = self._pencil.nearest(n, -least, none, _PATIENCE + 4 * n)
+        """Results of `_in_slices` if all eigenvalues lie within four decades; otherwise None.
+
+        No eigenvalue lies below the first of the positive `levels`.
+        """
+        none = np.empty((len(self._scale), 0))
+        new = self._pencil.nearest(n, -levels[0], none, _PATIENCE + 4 * n)
         if not new.size:  # many are near to each other, compared with their distance from zero
-            low, high = levels[(k := bisect.bisect_left(levels, 1, key=count)) - 1 : k + 1]
+            k = bisect.bisect_left(levels, 1, key=count)
+            low, high = levels[k - 1], levels[k]
             while high - low > _NEAR * high and count(high) > 2 * n:
                 middle = (low + high) / 2
                 low, high = (middle, high) if count(middle) == 0 else (low, middle)
