@@ -37,7 +37,7 @@ SMALL = dict.fromkeys(KINDS, 16) | {"tower": 12, "sliders": 12}
 def too_large(kind, count, costs, small):
     """Costs by name with their exponents, if these are too large twice.
 
-    Once a table of the process may grow, or a thread that an earlier test left.
+    One measurement may count what others need: a table of the process that grows, another thread.
     """
     warm(kind, costs)
     powers = {}
